@@ -1,0 +1,41 @@
+"""What a GOP is: canonical 2D Gaussians and the deformation field that moves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float32Array = NDArray[np.float32]
+
+#: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
+TRIPLANE_CHANNELS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gop:
+    """Decoder-side parameters of one GOP, all float32 and C-contiguous.
+
+    N Gaussians; the tri-plane grids have Gx by Gy cells in space and Gt in time.
+    """
+
+    position: Float32Array  #: (N, 2) canonical centre x, y; the frame spans [-1, 1]
+    log_scale: Float32Array  #: (N, 2) natural logarithm of sigma in pixels of the coded frame
+    rotation: Float32Array  #: (N,) radians, counter-clockwise with y down, modulo pi
+    colour: Float32Array  #: (N, 3) red, green, blue weights, any sign
+    alpha: Float32Array  #: (N,) dynamic indicator in [0, 1]; 1 = polynomial only
+    linear: Float32Array  #: (N, 2) alpha * a1, offset for one unit of tau
+    quadratic: Float32Array  #: (N, 2) alpha * a2, offset for one unit of tau squared
+    xy: Float32Array  #: (Gy, Gx, 8) spatial grid
+    xt: Float32Array  #: (Gt, Gx, 8) grid over x and time
+    yt: Float32Array  #: (Gt, Gy, 8) grid over y and time
+
+    def __len__(self) -> int:
+        """Number of Gaussians N."""
+        return len(self.position)
+
+    @property
+    def parameters(self) -> int:
+        """Stored numbers, before quantisation."""
+        return sum(getattr(self, field.name).size for field in fields(self))
