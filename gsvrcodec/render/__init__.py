@@ -1,0 +1,59 @@
+"""From a GOP's parameters to frames: one interface, several backends that agree.
+
+Backends: "native" (C++ on the CPU) and "reference" (torch float64, slow: the specification in
+code, which the others are tested against).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array, Gop
+
+Backend = Literal["native", "reference"]
+
+
+def render_frames(
+    gop: Gop,
+    taus: Float32Array,
+    size: tuple[int, int],
+    coded_size: tuple[int, int],
+    *,
+    backend: Backend = "native",
+    threads: int = 0,
+    out: NDArray[np.uint8] | None = None,
+) -> NDArray[np.uint8]:
+    """Render frames of one GOP (spec section "Reconstruction").
+
+    Args:
+        gop: parameters of the GOP.
+        taus: (F,) float32, normalised times in [-1, 1].
+        size: width and height to render at, pixels.
+        coded_size: width and height of the coded frame, which scales are relative to, pixels.
+        backend: "native" or "reference".
+        threads: native threads; 0 = GSVR_THREADS or all cores. Does not change the result.
+        out: (F, height, width, 3) uint8, C-contiguous, to be filled; None = a new array.
+
+    Returns:
+        (F, height, width, 3) uint8 RGB: `out`, or the new array. A frame is the same whatever
+        others are rendered with it.
+
+    Raises:
+        ValueError: a shape is wrong, or the backend unknown.
+    """
+    if backend == "native":
+        from gsvrcodec.render import native
+
+        return native.render_frames(gop, taus, size, coded_size, threads=threads, out=out)
+    if backend == "reference":
+        from gsvrcodec.render import reference
+
+        frames = reference.render_frames(gop, taus, size, coded_size)
+        if out is None:
+            return frames
+        np.copyto(out, frames)
+        return out
+    raise ValueError(f"backend must be 'native' or 'reference', not {backend!r}")

@@ -1,0 +1,34 @@
+// Rendering of whole frames, forward and backward, on the pool's threads.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "kernels.hpp"
+
+namespace gsvr {
+
+struct Size {
+    int width, height;
+};
+
+// The kernels in use: the best this machine has, or what GSVR_ISA names. Throws
+// std::runtime_error when GSVR_ISA names a set that is unknown or not to be had here.
+const Kernels &kernels();
+
+// Renders `frames` times of a GOP; `out` is (frames, height, width, 3).
+void render_rgb8(const Model &, const float *taus, int frames, Size size, Size coded, int threads,
+                 std::uint8_t *out);
+void render_float(const Model &, const float *taus, int frames, Size size, Size coded, int threads,
+                  float *out);
+
+// Gradients of sum(render * weights), weights (height, width, 3), of one frame.
+void backward_float(const Model &, float tau, Size size, Size coded, int threads,
+                    const float *weights, const Model &gradient);
+
+// Mean squared error of the clamped frame against `target` (height, width, 3) and its gradients,
+// the clamp passed through.
+double squared_error(const Model &, float tau, Size size, Size coded, int threads,
+                     const std::uint8_t *target, const Model &gradient);
+
+}  // namespace gsvr

@@ -1,0 +1,130 @@
+// The Python face of the core. Arrays come in as NumPy or torch CPU tensors, without a copy.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include "core.hpp"
+#include "pool.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Floats = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
+
+void require(bool condition, const char *message) {
+    if (!condition) throw nb::value_error(message);
+}
+
+bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
+    if (array.ndim() != shape.size()) return false;
+    std::size_t axis = 0;
+    for (std::size_t n : shape)
+        if (array.shape(axis++) != n) return false;
+    return true;
+}
+
+// Keeps the ten arrays of a GOP, or of its gradients, alive and checked.
+struct Parameters {
+    Floats position, log_scale, rotation, colour, alpha, linear, quadratic, xy, xt, yt;
+    gsvr::Model model{};
+
+    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats alpha_,
+               Floats linear_, Floats quadratic_, Floats xy_, Floats xt_, Floats yt_)
+        : position(position_), log_scale(log_scale_), rotation(rotation_), colour(colour_),
+          alpha(alpha_), linear(linear_), quadratic(quadratic_), xy(xy_), xt(xt_), yt(yt_) {
+        require(position.ndim() == 2, "position must have shape (N, 2)");
+        const std::size_t n = position.shape(0);
+        require(n < (1u << 28), "too many Gaussians");
+        require(has_shape(position, {n, 2}), "position must have shape (N, 2)");
+        require(has_shape(log_scale, {n, 2}), "log_scale must have shape (N, 2)");
+        require(has_shape(rotation, {n}), "rotation must have shape (N,)");
+        require(has_shape(colour, {n, 3}), "colour must have shape (N, 3)");
+        require(has_shape(alpha, {n}), "alpha must have shape (N,)");
+        require(has_shape(linear, {n, 2}), "linear must have shape (N, 2)");
+        require(has_shape(quadratic, {n, 2}), "quadratic must have shape (N, 2)");
+        require(xy.ndim() == 3 && xt.ndim() == 3 && yt.ndim() == 3, "grids must have three axes");
+        const std::size_t gy = xy.shape(0), gx = xy.shape(1), gt = xt.shape(0);
+        const bool empty = gx == 0 && gy == 0 && gt == 0;
+        require(empty || (gx > 0 && gy > 0 && gt > 0), "grids must be all empty or none");
+        require(gx <= 8192 && gy <= 8192 && gt <= 65536, "a grid is too large");
+        require(has_shape(xy, {gy, gx, gsvr::kChannels}), "xy must have shape (Gy, Gx, 8)");
+        require(has_shape(xt, {gt, gx, gsvr::kChannels}), "xt must have shape (Gt, Gx, 8)");
+        require(has_shape(yt, {gt, gy, gsvr::kChannels}), "yt must have shape (Gt, Gy, 8)");
+        model = {position.data(), log_scale.data(), rotation.data(), colour.data(), alpha.data(),
+                 linear.data(), quadratic.data(), xy.data(), xt.data(), yt.data(),
+                 static_cast<int>(n), static_cast<int>(gx), static_cast<int>(gy),
+                 static_cast<int>(gt)};
+    }
+
+    bool same_shape(const Parameters &other) const {
+        return model.n == other.model.n && model.gx == other.model.gx &&
+               model.gy == other.model.gy && model.gt == other.model.gt;
+    }
+};
+
+using SizeTuple = std::pair<int, int>;
+
+gsvr::Size checked(int width, int height) {
+    require(width > 0 && height > 0 && width <= 65536 && height <= 65536,
+            "width and height must be in 1..65536");
+    return {width, height};
+}
+
+template <class T>
+using Image = nb::ndarray<T, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
+template <class T>
+using Images = nb::ndarray<T, nb::shape<-1, -1, -1, 3>, nb::c_contig, nb::device::cpu>;
+using Times = nb::ndarray<const float, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+
+template <class T>
+void render(const Parameters &parameters, Times taus, Images<T> out, int coded_width,
+            int coded_height, int threads) {
+    require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
+    const auto size = checked(static_cast<int>(out.shape(2)), static_cast<int>(out.shape(1)));
+    const auto coded = checked(coded_width, coded_height);
+    const int frames = static_cast<int>(taus.shape(0));
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    if constexpr (std::is_same_v<T, float>)
+        gsvr::render_float(parameters.model, taus.data(), frames, size, coded, threads, out.data());
+    else
+        gsvr::render_rgb8(parameters.model, taus.data(), frames, size, coded, threads, out.data());
+}
+
+template <class T>
+double backward(const Parameters &parameters, float tau, Image<const T> image, int coded_width,
+                int coded_height, const Parameters &gradient, int threads) {
+    require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
+    const auto size = checked(static_cast<int>(image.shape(1)), static_cast<int>(image.shape(0)));
+    const auto coded = checked(coded_width, coded_height);
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    if constexpr (std::is_same_v<T, float>) {
+        gsvr::backward_float(parameters.model, tau, size, coded, threads, image.data(), gradient.model);
+        return 0.0;
+    } else {
+        return gsvr::squared_error(parameters.model, tau, size, coded, threads, image.data(), gradient.model);
+    }
+}
+
+}  // namespace
+
+NB_MODULE(_core, m) {
+    m.doc() = "Native kernels: deformation, rasterisation and their gradients (spec/gsvr.md).";
+    m.def("isa", [] { return std::string(gsvr::kernels().isa); });
+    m.def("resolve_threads", &gsvr::resolve_threads, "requested"_a);
+    nb::class_<Parameters>(m, "Parameters")
+        .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats>(),
+             "position"_a, "log_scale"_a, "rotation"_a, "colour"_a, "alpha"_a, "linear"_a,
+             "quadratic"_a, "xy"_a, "xt"_a, "yt"_a);
+    m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
+          "coded_height"_a, "threads"_a);
+    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
+          "coded_height"_a, "threads"_a);
+    m.def("backward_float", &backward<float>, "parameters"_a, "tau"_a, "weights"_a,
+          "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
+    m.def("squared_error", &backward<std::uint8_t>, "parameters"_a, "tau"_a, "target"_a,
+          "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
+}

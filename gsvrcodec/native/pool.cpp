@@ -1,0 +1,112 @@
+#include "pool.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace gsvr {
+namespace {
+
+constexpr int kMaxThreads = 256;
+// Kernels come in bursts a few microseconds apart: a worker looks for the next one this long
+// before it sleeps.
+constexpr auto kSpin = std::chrono::microseconds(60);
+
+class Pool {
+   public:
+    bool try_run(int jobs, int threads, const std::function<void(int, int)> &body) {
+        std::unique_lock<std::mutex> owner(owner_, std::try_to_lock);
+        if (!owner.owns_lock()) return false;
+        while (static_cast<int>(workers_.size()) < threads - 1) {
+            const int slot = static_cast<int>(workers_.size()) + 1;
+            const unsigned seen = generation_.load();
+            workers_.emplace_back([this, slot, seen] { serve(slot, seen); });
+        }
+        {
+            std::lock_guard<std::mutex> lock(mutex_);
+            body_ = &body;
+            jobs_ = jobs;
+            next_ = 0;
+            helpers_ = std::min(threads, jobs) - 1;
+            pending_ = static_cast<int>(workers_.size());
+            ++generation_;
+        }
+        wake_.notify_all();
+        take_jobs(0);
+        // Every worker acknowledges the generation, so none can touch the next call's jobs.
+        while (pending_.load(std::memory_order_acquire) != 0) std::this_thread::yield();
+        return true;
+    }
+
+   private:
+    void take_jobs(int worker) {
+        for (int job; (job = next_.fetch_add(1)) < jobs_;) (*body_)(job, worker);
+    }
+
+    void serve(int slot, unsigned seen) {
+        for (;;) {
+            const auto until = std::chrono::steady_clock::now() + kSpin;
+            while (generation_.load(std::memory_order_acquire) == seen &&
+                   std::chrono::steady_clock::now() < until) {
+            }
+            {
+                std::unique_lock<std::mutex> lock(mutex_);
+                wake_.wait(lock, [&] { return generation_.load() != seen; });
+                seen = generation_.load();
+            }
+            if (slot <= helpers_) take_jobs(slot);
+            pending_.fetch_sub(1, std::memory_order_release);
+        }
+    }
+
+    std::mutex owner_;
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    std::vector<std::thread> workers_;
+    const std::function<void(int, int)> *body_ = nullptr;
+    int jobs_ = 0;
+    int helpers_ = 0;
+    std::atomic<int> next_{0};
+    std::atomic<int> pending_{0};
+    std::atomic<unsigned> generation_{0};
+};
+
+// Never destroyed: its threads may outlive static destruction. Threads do not survive fork(), so a
+// child gets a pool of its own.
+Pool &pool() {
+    static std::mutex mutex;
+    static Pool *current = nullptr;
+    static pid_t owner = 0;
+    std::lock_guard<std::mutex> lock(mutex);
+    if (owner != getpid()) {
+        current = new Pool;
+        owner = getpid();
+    }
+    return *current;
+}
+
+}  // namespace
+
+int resolve_threads(int requested) {
+    if (requested <= 0) {
+        const char *text = std::getenv("GSVR_THREADS");
+        requested = text ? std::atoi(text) : 0;
+    }
+    if (requested <= 0) requested = static_cast<int>(std::thread::hardware_concurrency());
+    return std::clamp(requested, 1, kMaxThreads);
+}
+
+void parallel_for(int jobs, int threads, const std::function<void(int, int)> &body) {
+    if (threads > 1 && jobs > 1 && pool().try_run(jobs, threads, body)) return;
+    for (int job = 0; job < jobs; ++job) body(job, 0);
+}
+
+}  // namespace gsvr

@@ -1,0 +1,76 @@
+// GSVR_LANES floats at a time, by the compiler's vector extensions: one source for every
+// instruction set. Included by kernels.cpp alone, inside a namespace of the instruction set, so
+// that no inline function of one set can be linked into another.
+
+typedef float vf __attribute__((vector_size(GSVR_LANES * 4)));
+typedef int vi __attribute__((vector_size(GSVR_LANES * 4)));
+typedef float vf_unaligned __attribute__((vector_size(GSVR_LANES * 4), aligned(4), may_alias));
+typedef float v8 __attribute__((vector_size(32)));
+typedef float v8_unaligned __attribute__((vector_size(32), aligned(4), may_alias));
+constexpr int kLanes = GSVR_LANES;
+
+static inline vf load(const float *p) { return *reinterpret_cast<const vf_unaligned *>(p); }
+static inline void store(float *p, vf v) { *reinterpret_cast<vf_unaligned *>(p) = v; }
+static inline v8 load8(const float *p) { return *reinterpret_cast<const v8_unaligned *>(p); }
+static inline void store8(float *p, v8 v) { *reinterpret_cast<v8_unaligned *>(p) = v; }
+static inline vf splat(float x) { return x - vf{}; }
+static inline vf max(vf a, vf b) { return a > b ? a : b; }
+static inline vf min(vf a, vf b) { return a < b ? a : b; }
+static inline float max(float a, float b) { return a > b ? a : b; }
+static inline float min(float a, float b) { return a < b ? a : b; }
+static inline int max(int a, int b) { return a > b ? a : b; }
+static inline int min(int a, int b) { return a < b ? a : b; }
+
+static inline vf iota() {
+    vf v;
+    for (int i = 0; i < kLanes; ++i) v[i] = static_cast<float>(i);
+    return v;
+}
+
+static inline float sum(vf v) {
+    float s = 0.0f;
+    for (int i = 0; i < kLanes; ++i) s += v[i];
+    return s;
+}
+
+static inline float sum8(v8 v) {
+    return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7]));
+}
+
+// exp(x) for x in [-87, 88]; relative error below 2e-7.
+static inline vf exp(vf x) {
+    constexpr float kRound = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+    const vf t = x * 1.44269504088896f;
+    const vf rounded = t + kRound;
+    const vf f = t - (rounded - kRound);
+    vf p = 1.327646680e-3f * f + 9.675541293e-3f;
+    p = p * f + 5.550713290e-2f;
+    p = p * f + 2.402211972e-1f;
+    p = p * f + 6.931469671e-1f;
+    p = p * f + 1.0f;
+    return (vf)((vi)p + ((vi)rounded << 23));
+}
+
+static inline vf sqrt(vf x) {
+    vf r;
+    for (int i = 0; i < kLanes; ++i) r[i] = __builtin_sqrtf(x[i]);
+    return r;
+}
+
+// sin and cos of x; absolute error below 1e-6 for |x| up to about 1e4.
+static inline void sincos(vf x, vf &sine, vf &cosine) {
+    constexpr float kRound = 12582912.0f;
+    const vf quarter = x * 0.636619772367581f + kRound;
+    const vf n = quarter - kRound;
+    const vf r = ((x - n * 1.5703125f) - n * 4.837512969970703e-4f) - n * 7.549789948768648e-8f;
+    const vf z = r * r;
+    const vf s = r + r * z * (-1.6666654611e-1f + z * (8.3321608736e-3f + z * -1.9515295891e-4f));
+    const vf c = 1.0f - 0.5f * z +
+                 z * z * (4.166664568298827e-2f + z * (-1.388731625493765e-3f + z * 2.443315711809948e-5f));
+    const vi q = (vi)quarter;
+    const vi swap = (q & 1) != 0;
+    const vf a = swap ? c : s;
+    const vf b = swap ? s : c;
+    sine = (q & 2) != 0 ? -a : a;
+    cosine = ((q + 1) & 2) != 0 ? -b : b;
+}

@@ -1,0 +1,31 @@
+"""The native CPU backend: C++ kernels, threads, NumPy arrays in and out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.native import _core
+
+
+def render_frames(
+    gop: Gop,
+    taus: Float32Array,
+    size: tuple[int, int],
+    coded_size: tuple[int, int],
+    *,
+    threads: int = 0,
+    out: NDArray[np.uint8] | None = None,
+) -> NDArray[np.uint8]:
+    """Render frames of one GOP; see `gsvrcodec.render.render_frames`."""
+    width, height = size
+    if out is None:
+        out = np.empty((len(taus), height, width, 3), np.uint8)
+    _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
+    return out
+
+
+def parameters(gop: Gop) -> _core.Parameters:
+    """The core's view of a GOP: no copy, shapes checked."""
+    return _core.Parameters(*(getattr(gop, name) for name in Gop.__slots__))
