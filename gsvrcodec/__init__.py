@@ -1,0 +1,83 @@
+"""A video codec whose picture is a sum of moving 2D Gaussians.
+
+    import gsvrcodec
+
+    gsvrcodec.encode("in.mp4", "out.gsvr")
+    with gsvrcodec.open("out.gsvr") as decoder:
+        picture = decoder[17].data  # (H, W, 3) uint8
+    gsvrcodec.decode("out.gsvr", "out.mp4")
+
+Names are loaded when they are first used: importing the package is quick, and decoding on the
+CPU never loads torch or OpenCV.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gsvrcodec import errors
+    from gsvrcodec.decode import Decoder, open
+    from gsvrcodec.encode import encode
+    from gsvrcodec.frames import Frame, FrameBatch, Metadata
+    from gsvrcodec.limits import Limits
+    from gsvrcodec.transcode import decode
+
+__all__ = [
+    "Decoder",
+    "Frame",
+    "FrameBatch",
+    "Limits",
+    "Metadata",
+    "__version__",
+    "decode",
+    "encode",
+    "errors",
+    "open",
+]
+
+__version__ = "0.1.0"
+
+#: Public name: the module it comes from.
+_HOMES = {
+    "Decoder": "gsvrcodec.decode",
+    "Frame": "gsvrcodec.frames",
+    "FrameBatch": "gsvrcodec.frames",
+    "Limits": "gsvrcodec.limits",
+    "Metadata": "gsvrcodec.frames",
+    "decode": "gsvrcodec.transcode",
+    "encode": "gsvrcodec.encode",
+    "open": "gsvrcodec.decode",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used."""
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    elif name == "errors":
+        value = importlib.import_module("gsvrcodec.errors")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names, loaded or not."""
+    return sorted({*globals(), *__all__})
+
+
+class _Package(ModuleType):
+    """Keeps `gsvrcodec.encode` and `.decode` the functions, not the modules of these names."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Ignore that the import system has loaded a module with the name of a function."""
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

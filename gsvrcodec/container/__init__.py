@@ -1,0 +1,1 @@
+"""The file format as bytes: chunks, header, index; standard library alone."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args, get_type_hints
+
+from gsvrcodec.errors import UsageError
 
 Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
 Profile = Literal["main", "paper"]
@@ -30,6 +32,55 @@ class EncodeSettings:
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
     seed: int = 0  #: of every random choice
     threads: int = 0  #: native threads; 0 = GSVR_THREADS or all cores
-    crop: tuple[int, int, int | None, int | None] | None = None  #: width, height, x, y; None = centre
+    #: width, height, x, y in pixels; x and y None = centre
+    crop: tuple[int, int, int | None, int | None] | None = None
     start_frame: int = 0  #: first frame to encode
     frames: int | None = None  #: frames to encode; None = to the end
+
+    def __post_init__(self) -> None:
+        """Check each value, and that they do not contradict each other.
+
+        Raises:
+            UsageError: naming the option, as `gsvrenc` spells it.
+        """
+        hints = get_type_hints(type(self))
+        for name in ("preset", "profile", "deform", "flow", "pack"):
+            if getattr(self, name) not in get_args(hints[name]):
+                allowed = ", ".join(get_args(hints[name]))
+                raise UsageError(f"--{name} must be one of {allowed}, not {getattr(self, name)!r}")
+        if self.params is not None and self.gaussians is not None:
+            raise UsageError("--params and --gaussians exclude each other; give one")
+        if self.time_budget is not None and self.preset != _DEFAULT_PRESET:
+            raise UsageError("--preset and --time-budget exclude each other; give one")
+        for name, low in _LOWEST.items():
+            value = getattr(self, name)
+            if isinstance(value, int) and value < low:
+                raise UsageError(f"--{name.replace('_', '-')} must be at least {low}, not {value}")
+        if self.time_budget is not None and not 0 < self.time_budget < float("inf"):
+            raise UsageError(f"--time-budget must be above 0 seconds, not {self.time_budget}")
+        if self.gop != "adaptive" and not isinstance(self.gop, int):
+            raise UsageError(f"--gop must be 'adaptive' or a number of frames, not {self.gop!r}")
+        if self.gop_min > self.gop_max:
+            raise UsageError(
+                f"--gop-min {self.gop_min} is more than --gop-max {self.gop_max}; lower it"
+            )
+
+    def recorded(self) -> dict[str, Any]:
+        """What the file keeps: all that shapes its content."""
+        kept = asdict(self)
+        del kept["threads"]
+        return kept
+
+
+_DEFAULT_PRESET: Preset = "medium"
+_LOWEST = {
+    "params": 1,
+    "gaussians": 1,
+    "gop": 1,
+    "gop_min": 1,
+    "gop_max": 1,
+    "seed": 0,
+    "threads": 0,
+    "start_frame": 0,
+    "frames": 1,
+}

@@ -1,0 +1,1 @@
+"""What a GOP is and how it becomes bytes: attributes, quantiser, order, timing, packing."""

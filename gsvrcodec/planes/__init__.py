@@ -1,0 +1,5 @@
+"""Plane codecs: an array of unsigned samples to bytes and back, without loss."""
+
+from gsvrcodec.planes.table import PACKS, Codec, decode_plane, encode_plane
+
+__all__ = ["PACKS", "Codec", "decode_plane", "encode_plane"]

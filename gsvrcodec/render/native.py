@@ -29,3 +29,11 @@ def render_frames(
 def parameters(gop: Gop) -> _core.Parameters:
     """The core's view of a GOP: no copy, shapes checked."""
     return _core.Parameters(*(getattr(gop, name) for name in Gop.__slots__))
+
+
+def render_weights(gop: Gop, tau: float, size: tuple[int, int]) -> Float32Array:
+    """Sum of red weights at each pixel, (H, W): neither clamped nor rounded."""
+    width, height = size
+    out = np.empty((1, height, width, 3), np.float32)
+    _core.render_float(parameters(gop), np.array([tau], np.float32), out, width, height, 0)
+    return np.ascontiguousarray(out[0, ..., 0])

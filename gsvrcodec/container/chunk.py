@@ -1,0 +1,127 @@
+"""Signature and chunks: how bytes are framed (spec sections "Signature" and "Chunks")."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+from gsvrcodec.errors import CorruptError, NotGsvrError
+
+#: High bit, name, CRLF, DOS end of file, LF: each kind of careless transfer breaks one of them.
+SIGNATURE = b"\x89GSV\r\n\x1a\n"
+
+HEAD_TYPE = b"HEAD"
+GOP_TYPE = b"GOPD"
+INDEX_TYPE = b"indx"
+END_TYPE = b"fend"
+SETTINGS_TYPE = b"sett"
+METADATA_TYPE = b"meta"
+STREAMS_TYPE = b"strm"
+
+CRITICAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE})
+#: Types that the container itself writes; anything else goes through `add_auxiliary`.
+STRUCTURAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE, INDEX_TYPE, END_TYPE})
+
+_FIELDS = struct.Struct("<4sQ")
+_CRC = struct.Struct("<I")
+
+HEAD_BYTES = _FIELDS.size + _CRC.size  #: type, length and their CRC
+TAIL_BYTES = _CRC.size  #: CRC of the payload
+OVERHEAD_BYTES = HEAD_BYTES + TAIL_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkEntry:
+    """Where one chunk lies in the file."""
+
+    type: bytes  #: four ASCII letters
+    offset: int  #: byte offset of the chunk's head
+    size: int  #: bytes of the payload
+
+    @property
+    def name(self) -> str:
+        """The type as text, for messages."""
+        return self.type.decode("ascii", "replace")
+
+    @property
+    def payload_offset(self) -> int:
+        """Byte offset of the payload."""
+        return self.offset + HEAD_BYTES
+
+    @property
+    def end(self) -> int:
+        """Byte offset just past the chunk."""
+        return self.offset + OVERHEAD_BYTES + self.size
+
+
+def is_type(kind: bytes) -> bool:
+    """Whether `kind` may be the type of a chunk: four ASCII letters."""
+    return len(kind) == 4 and kind.isalpha()
+
+
+def is_critical(kind: bytes) -> bool:
+    """Whether a reader that does not know this type must refuse the file."""
+    return kind[:1].isupper()
+
+
+def chunk_head(kind: bytes, size: int) -> bytes:
+    """The 16 bytes before a payload of `size` bytes."""
+    if not is_type(kind):
+        raise ValueError(f"a chunk type is four ASCII letters, not {kind!r}")
+    fields = _FIELDS.pack(kind, size)
+    return fields + _CRC.pack(zlib.crc32(fields))
+
+
+def chunk_bytes(kind: bytes, payload: bytes) -> bytes:
+    """A whole chunk."""
+    return chunk_head(kind, len(payload)) + payload + _CRC.pack(zlib.crc32(payload))
+
+
+def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:
+    """Check the 16 bytes found at `offset`; the length is not yet compared with the file's.
+
+    Raises:
+        CorruptError: The CRC does not match, or the type is not four letters.
+    """
+    kind, size = _FIELDS.unpack_from(head)
+    (crc,) = _CRC.unpack_from(head, _FIELDS.size)
+    if zlib.crc32(head[: _FIELDS.size]) != crc:
+        raise CorruptError("damaged chunk head (CRC mismatch)", offset=offset)
+    if not is_type(kind):
+        raise CorruptError(f"invalid chunk type {kind!r}", offset=offset)
+    return ChunkEntry(kind, offset, size)
+
+
+def check_payload(entry: ChunkEntry, data: bytes) -> bytes:
+    """Split payload and CRC as read from the file, and return the payload.
+
+    Raises:
+        CorruptError: The CRC does not match.
+    """
+    payload = data[: entry.size]
+    (crc,) = _CRC.unpack_from(data, entry.size)
+    if zlib.crc32(payload) != crc:
+        raise CorruptError("damaged payload (CRC mismatch)", chunk=entry.name, offset=entry.offset)
+    return payload
+
+
+def check_signature(start: bytes) -> None:
+    """Check the first bytes of a file.
+
+    Raises:
+        NotGsvrError: They are not the signature; the likely cause is named where it shows.
+    """
+    if start[: len(SIGNATURE)] == SIGNATURE:
+        return
+    if not start:
+        cause = "it is empty"
+    elif SIGNATURE.startswith(start):
+        cause = "it ends inside the signature"
+    elif start[:4] == SIGNATURE[:4]:
+        cause = "the signature was damaged, probably by a transfer that converts line ends"
+    elif start[:4] == bytes([SIGNATURE[0] & 0x7F]) + SIGNATURE[1:4]:
+        cause = "the signature lost its high bit, probably in a 7-bit transfer"
+    else:
+        cause = "the signature is missing"
+    raise NotGsvrError(f"not a .gsvr file: {cause}")

@@ -1,0 +1,202 @@
+"""The header chunk: what holds for the whole file (spec section "Header chunk")."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.limits import Limits
+
+VERSION_MAJOR = 0
+VERSION_MINOR = 1
+
+#: Bits of the must-understand flags that this version knows; none yet.
+KNOWN_REQUIRED_FLAGS = 0
+
+_VERSION = struct.Struct("<HH")
+_LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
+HEADER_BYTES = _LAYOUT.size
+
+
+@dataclass(frozen=True, slots=True)
+class ColourInfo:
+    """How the pictures' RGB relates to light; code points of ITU-T H.273 (CICP)."""
+
+    primaries: int = 2  #: colour primaries, 2 = not specified
+    transfer: int = 2  #: transfer characteristics, 2 = not specified
+    matrix: int = 2  #: matrix the source's YCbCr had, 2 = not specified
+    full_range: bool = False  #: whether the source's YCbCr used its full range
+    chroma_location: int = 0  #: H.273 chroma sample location type + 1, 0 = not specified
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """The header chunk, field by field."""
+
+    width: int  #: coded width, pixels
+    height: int  #: coded height, pixels
+    time_base: Fraction  #: seconds in one tick of every timestamp and duration
+    sample_aspect: Fraction = Fraction(1)  #: width / height of a pixel
+    rotation: int = 0  #: clockwise degrees a player turns the picture by; 0, 90, 180 or 270
+    bit_depth: int = 8  #: bits of a sample of the source
+    colour: ColourInfo = field(default_factory=ColourInfo)
+    version_major: int = VERSION_MAJOR
+    version_minor: int = VERSION_MINOR
+    flags_required: int = 0  #: a reader refuses a file with a bit set that it does not know
+    flags_optional: int = 0  #: bits that a reader may ignore
+    max_gaussians: int = 0  #: largest N of a GOP
+    max_gop_frames: int = 0  #: most frames in a GOP
+    max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt of a GOP
+    frames: int = 0  #: frames in the file, 0 = not known (never closed)
+    gops: int = 0  #: GOPs in the file, 0 = not known
+
+    @property
+    def version(self) -> str:
+        """Version as people write it."""
+        return f"{self.version_major}.{self.version_minor}"
+
+    def to_bytes(self) -> bytes:
+        """The payload of the header chunk, always HEADER_BYTES long.
+
+        Raises:
+            ValueError: A field breaks a rule of the spec or does not fit its width.
+        """
+        problem = _problem(self)
+        if problem:
+            raise ValueError(problem)
+        colour = self.colour
+        try:
+            return _LAYOUT.pack(
+                self.version_major,
+                self.version_minor,
+                self.flags_required,
+                self.flags_optional,
+                self.width,
+                self.height,
+                self.sample_aspect.numerator,
+                self.sample_aspect.denominator,
+                self.rotation,
+                self.bit_depth,
+                colour.primaries,
+                colour.transfer,
+                colour.matrix,
+                colour.full_range,
+                colour.chroma_location,
+                self.time_base.numerator,
+                self.time_base.denominator,
+                self.max_gaussians,
+                self.max_gop_frames,
+                *self.max_grid,
+                self.frames,
+                self.gops,
+            )
+        except struct.error as error:
+            raise ValueError(f"a header field is out of range: {error}") from error
+
+
+def parse_header(payload: bytes, limits: Limits) -> Header:
+    """Read and check the payload of a header chunk.
+
+    Raises:
+        UnsupportedError: Another major version, or an unknown must-understand flag.
+        LimitError: The picture or a maximum is over `limits`.
+        CorruptError: A field breaks a rule of the spec.
+    """
+    if len(payload) < _VERSION.size:
+        raise CorruptError(f"header of {len(payload)} bytes, expected {HEADER_BYTES}")
+    major, minor = _VERSION.unpack_from(payload)
+    if major != VERSION_MAJOR:
+        raise UnsupportedError(
+            f"the file has bitstream version {major}.{minor}, "
+            f"this decoder reads {VERSION_MAJOR}.x (written for {VERSION_MAJOR}.{VERSION_MINOR})"
+        )
+    # A newer minor version may append fields, ours may not differ.
+    newer = minor > VERSION_MINOR
+    if len(payload) < HEADER_BYTES or (len(payload) > HEADER_BYTES and not newer):
+        raise CorruptError(f"header of {len(payload)} bytes, expected {HEADER_BYTES}")
+    header = _unpack(payload)
+    unknown = header.flags_required & ~KNOWN_REQUIRED_FLAGS
+    if unknown:
+        raise UnsupportedError(
+            f"the file needs features this decoder does not know (flags {unknown:#010x}, "
+            f"version {header.version}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
+        )
+    problem = _problem(header)
+    if problem:
+        raise CorruptError(problem)
+    limits.check("width", header.width, "the width")
+    limits.check("height", header.height, "the height")
+    limits.check("pixels", header.width * header.height, "the number of pixels")
+    limits.check("gaussians", header.max_gaussians, "the number of Gaussians in a GOP")
+    limits.check("gop_frames", header.max_gop_frames, "the number of frames in a GOP")
+    return header
+
+
+def _unpack(payload: bytes) -> Header:
+    (
+        *versions_and_flags,
+        width,
+        height,
+        aspect_num,
+        aspect_den,
+        rotation,
+        bit_depth,
+        primaries,
+        transfer,
+        matrix,
+        full_range,
+        chroma_location,
+        base_num,
+        base_den,
+        max_gaussians,
+        max_gop_frames,
+        max_gx,
+        max_gy,
+        max_gt,
+        frames,
+        gops,
+    ) = _LAYOUT.unpack_from(payload)
+    major, minor, required, optional = versions_and_flags
+    if not (aspect_num and aspect_den):
+        raise CorruptError(f"sample aspect ratio {aspect_num}/{aspect_den}")
+    if not (base_num and base_den):
+        raise CorruptError(f"time base {base_num}/{base_den}")
+    if full_range > 1:
+        raise CorruptError(f"colour range {full_range}, expected 0 or 1")
+    return Header(
+        version_major=major,
+        version_minor=minor,
+        flags_required=required,
+        flags_optional=optional,
+        width=width,
+        height=height,
+        sample_aspect=Fraction(aspect_num, aspect_den),
+        rotation=rotation,
+        bit_depth=bit_depth,
+        colour=ColourInfo(primaries, transfer, matrix, bool(full_range), chroma_location),
+        time_base=Fraction(base_num, base_den),
+        max_gaussians=max_gaussians,
+        max_gop_frames=max_gop_frames,
+        max_grid=(max_gx, max_gy, max_gt),
+        frames=frames,
+        gops=gops,
+    )
+
+
+def _problem(header: Header) -> str | None:
+    """The first rule that the header breaks, None if it keeps them all."""
+    if header.width < 1 or header.height < 1:
+        return f"picture size {header.width}x{header.height}"
+    if header.sample_aspect <= 0:
+        return f"sample aspect ratio {header.sample_aspect}"
+    if header.time_base <= 0:
+        return f"time base {header.time_base}"
+    if header.rotation not in (0, 90, 180, 270):
+        return f"rotation {header.rotation}, expected 0, 90, 180 or 270"
+    if not 1 <= header.bit_depth <= 16:
+        return f"bit depth {header.bit_depth}, expected 1 to 16"
+    if header.colour.chroma_location > 6:
+        return f"chroma location {header.colour.chroma_location}, expected 0 to 6"
+    return None

@@ -1,0 +1,114 @@
+"""The trainable form of a GOP, and its squared error as one node of torch's graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from gsvrcodec.fit.settings import Deform
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.native import _core
+
+NAMES = Gop.__slots__
+
+#: How much stronger the tri-plane's channels act than they are stored while training: scales
+#: are in pixels, the other offsets in units of the frame, radians and colour.
+_CHANNEL_GAIN = (1.0, 1.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0)
+_ALPHA_RANGE = (1e-3, 1 - 1e-3)
+
+
+class Field:
+    """Parameters that an optimiser may change, and the way from them to a `Gop`.
+
+    `raw` holds a leaf tensor for each trained attribute: those of `Gop` but for alpha, which is
+    a logit, and the xy grid, which is divided by the channel gains. What `deform` switches off is
+    not in it.
+    """
+
+    def __init__(self, start: Gop, deform: Deform) -> None:
+        tensors = {name: torch.from_numpy(getattr(start, name).copy()) for name in NAMES}
+        self._gain = torch.tensor(_CHANNEL_GAIN)
+        self._fixed: dict[str, Tensor] = {}
+        if deform == "triplane":
+            self._fixed = {
+                name: torch.zeros_like(tensors[name]) for name in ("alpha", "linear", "quadratic")
+            }
+        elif deform == "polynomial":
+            self._fixed = {
+                "alpha": torch.ones_like(tensors["alpha"]),
+                **{name: torch.zeros(0, 0, 8) for name in ("xy", "xt", "yt")},
+            }
+        self.raw = {
+            name: tensor.requires_grad_()
+            for name, tensor in tensors.items()
+            if name not in self._fixed
+        }
+        if "alpha" in self.raw:
+            alpha = tensors["alpha"].detach().clamp(*_ALPHA_RANGE)
+            self.raw["alpha"] = torch.logit(alpha).requires_grad_()
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The decoder's parameters, differentiable in `raw`, in the order of `Gop`."""
+        out = {**self._fixed, **self.raw}
+        if "alpha" in self.raw:
+            out["alpha"] = torch.sigmoid(out["alpha"])
+        if "xy" in self.raw:
+            out["xy"] = out["xy"] * self._gain
+        return {name: out[name] for name in NAMES}
+
+    def gop(self) -> Gop:
+        """The present state, as arrays of its own."""
+        return Gop(**{name: t.detach().numpy().copy() for name, t in self.tensors().items()})
+
+
+class _SquaredError(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any,
+        tau: float,
+        target: NDArray[np.uint8],
+        coded_size: tuple[int, int],
+        threads: int,
+        *tensors: Tensor,
+    ) -> Tensor:
+        inputs = [t.detach() for t in tensors]
+        gradients = [torch.empty_like(t) for t in inputs]
+        error = _core.squared_error(
+            _core.Parameters(*inputs),
+            tau,
+            target,
+            *coded_size,
+            _core.Parameters(*gradients),
+            threads,
+        )
+        ctx.gradients = gradients
+        return torch.tensor(error)
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor) -> Any:
+        (output,) = outputs
+        gradients = ctx.gradients
+        torch._foreach_mul_(gradients, output)
+        return (None, None, None, None, *gradients)
+
+
+def squared_error(
+    tensors: dict[str, Tensor],
+    tau: float,
+    target: NDArray[np.uint8],
+    coded_size: tuple[int, int],
+    threads: int = 0,
+) -> Tensor:
+    """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), values in [0, 1].
+
+    Render, loss and gradient in one native call; the gradient passes through the clamp. The frame
+    is rendered at the target's size.
+    """
+    result: Tensor = _SquaredError.apply(  # type: ignore[no-untyped-call]
+        tau, target, coded_size, threads, *tensors.values()
+    )
+    return result

@@ -1,0 +1,49 @@
+"""Quantisation-aware training: the fit sees the values that a decoder will get."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+Tensors = dict[str, Tensor]
+
+
+class _FakeQuantise(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, bits: int) -> Tensor:
+        columns = values.reshape(len(values), -1) if values.dim() < 3 else values.flatten(0, 1)
+        low, high = torch.aminmax(columns, dim=0)
+        step = ((high - low) / ((1 << bits) - 1)).clamp(min=torch.finfo(torch.float32).tiny)
+        codes = ((columns - low) / step).round_()
+        return codes.mul_(step).add_(low).view_as(values)
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor) -> Any:
+        return outputs[0], None
+
+
+def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
+    """Min-max quantisation of each component, with a straight-through gradient.
+
+    The values agree with `gsvrcodec.model.pack.dequantised` to rounding.
+
+    Args:
+        bits: bits of each attribute, by the name of its field in `Gop`.
+    """
+
+    def quantise(tensors: Tensors) -> Tensors:
+        out = {}
+        for name, values in tensors.items():
+            if not values.numel():
+                out[name] = values
+                continue
+            if name == "rotation":  # pi-periodic, and stored in [0, pi)
+                values = values - (values.detach() / math.pi).floor() * math.pi
+            out[name] = _FakeQuantise.apply(values, bits[name])  # type: ignore[no-untyped-call]
+        return out
+
+    return quantise

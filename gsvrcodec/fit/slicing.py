@@ -1,0 +1,116 @@
+"""Cutting a video into GOPs by its motion (paper, "Dynamic-aware Time Slicing")."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from gsvrcodec.fit.flow import FlowEstimator, Image, motion_degree, resize
+
+#: Frames are analysed at this height, so that motion does not depend on resolution.
+ANALYSIS_HEIGHT = 180
+#: Accumulated motion degree at which a GOP ends, pixels of the analysed frame.
+MOTION_THRESHOLD = 24.0
+
+# A cut changes the picture at once: little of its histogram and hardly any pixel stays.
+_CUT_CORRELATION = 0.75
+_CUT_DIFFERENCE = 18.0
+_CUT_RATIO = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """From one frame to the next."""
+
+    motion: float  #: mean length of the flow, pixels of the analysed frame
+    cut: bool  #: a new scene begins
+
+
+def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
+    """Measure each frame against the one before; the first counts as a cut.
+
+    Args:
+        frames: (H, W, 3) uint8, read one at a time.
+        estimate: optical flow.
+    """
+    previous: Image | None = None
+    usual: float | None = None  # running mean of the difference between frames of a scene
+    for frame in frames:
+        small = resize(frame, ANALYSIS_HEIGHT)
+        if previous is None:
+            yield Step(0.0, True)
+        else:
+            difference = float(cv2.absdiff(previous, small).mean())
+            cut = (
+                difference > _CUT_DIFFERENCE
+                and difference > _CUT_RATIO * (usual or 0.0)
+                and _histogram_correlation(previous, small) < _CUT_CORRELATION
+            )
+            yield Step(0.0 if cut else motion_degree(estimate(previous, small)), cut)
+            usual = None if cut else difference if usual is None else (usual + difference) / 2
+        previous = small
+
+
+def _histogram_correlation(first: Image, second: Image) -> float:
+    histograms = [
+        cv2.calcHist([image], [0, 1, 2], None, [8, 8, 8], [0, 256] * 3) for image in (first, second)
+    ]
+    return float(cv2.compareHist(histograms[0], histograms[1], cv2.HISTCMP_CORREL))
+
+
+def slice_gops(
+    steps: Iterable[Step],
+    gop: int | Literal["adaptive"],
+    *,
+    minimum: int,
+    maximum: int,
+    threshold: float = MOTION_THRESHOLD,
+) -> list[range]:
+    """Frames of each GOP.
+
+    A GOP ends at every cut. Otherwise a fixed `gop` ends after so many frames, and an adaptive one
+    when its motion has added up to `threshold`, within `minimum` and `maximum` frames. What is
+    left of a scene at the end is shared with the GOP before it, so that none is needlessly short.
+    """
+    scenes: list[list[float]] = []
+    for step in steps:
+        if step.cut or not scenes:
+            scenes.append([])
+        scenes[-1].append(step.motion)
+    out: list[range] = []
+    for scene in scenes:
+        if gop == "adaptive":
+            lengths = _adaptive_lengths(scene, minimum, maximum, threshold)
+        else:
+            lengths = [min(gop, len(scene) - at) for at in range(0, len(scene), gop)]
+        for length in lengths:
+            start = out[-1].stop if out else 0
+            out.append(range(start, start + length))
+    return out
+
+
+def _adaptive_lengths(
+    motion: list[float], minimum: int, maximum: int, threshold: float
+) -> list[int]:
+    """Equal shares of a scene's motion: as few as the threshold and the maximum allow."""
+    total = np.cumsum(motion)
+    parts = max(1, int(np.ceil(total[-1] / threshold)), -(-len(motion) // maximum))
+    parts = min(parts, max(1, len(motion) // minimum))
+    lengths: list[int] = []
+    start = 0
+    for part in range(parts, 0, -1):
+        left = len(motion) - start
+        # Share what is left of motion evenly, and keep room for the parts to come.
+        done = total[start - 1] if start else 0.0
+        goal = done + (total[-1] - done) / part
+        length = int(np.searchsorted(total, goal, side="left")) + 1 - start if part > 1 else left
+        low = max(minimum if left >= part * minimum else 1, left - (part - 1) * maximum)
+        high = min(maximum, left - (part - 1) * min(minimum, left // part))
+        length = min(max(length, low), max(high, low))
+        lengths.append(length)
+        start += length
+    return lengths

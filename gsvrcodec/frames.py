@@ -1,0 +1,122 @@
+"""What a decoder gives: frames, batches of frames, and the facts about the whole video."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.errors import CorruptError
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One decoded picture."""
+
+    data: NDArray[np.uint8]  #: (H, W, 3) red, green, blue
+    index: int  #: number in the video, from 0
+    pts: int  #: presentation time, ticks of the time base
+    duration: int  #: how long it is shown, ticks; 0 = not known
+    pts_seconds: float  #: presentation time, seconds
+    duration_seconds: float  #: how long it is shown, seconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameBatch:
+    """Several decoded pictures, in the order asked for."""
+
+    data: NDArray[np.uint8]  #: (F, H, W, 3) red, green, blue
+    index: NDArray[np.int64]  #: (F,) numbers in the video, from 0
+    pts: NDArray[np.int64]  #: (F,) presentation times, ticks of the time base
+    duration: NDArray[np.int64]  #: (F,) how long each is shown, ticks; 0 = not known
+    pts_seconds: NDArray[np.float64]  #: (F,) presentation times, seconds
+    duration_seconds: NDArray[np.float64]  #: (F,) how long each is shown, seconds
+
+    def __len__(self) -> int:
+        """Return the number of frames F."""
+        return len(self.data)
+
+    def __getitem__(self, position: int) -> Frame:
+        """Return one frame of the batch."""
+        return Frame(
+            data=self.data[position],
+            index=int(self.index[position]),
+            pts=int(self.pts[position]),
+            duration=int(self.duration[position]),
+            pts_seconds=float(self.pts_seconds[position]),
+            duration_seconds=float(self.duration_seconds[position]),
+        )
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames one by one."""
+        return (self[position] for position in range(len(self)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metadata:
+    """The video in a .gsvr file."""
+
+    width: int  #: pixels
+    height: int  #: pixels
+    frames: int  #: frames in the video
+    gops: int  #: groups of pictures
+    gaussians: int  #: of all GOPs together
+    time_base: Fraction  #: seconds a tick
+    begin_seconds: Fraction  #: when the first frame appears
+    end_seconds: Fraction  #: when the last frame ends
+    average_rate: Fraction  #: frames a second, mean
+    sample_aspect: Fraction  #: width of a pixel over its height
+    rotation: int  #: degrees clockwise that a player turns the picture by
+    bit_depth: int  #: bits a sample of the source
+    colour: ColourInfo  #: CICP tags of the source
+    version: str  #: of the bitstream
+    size_bytes: int  #: of the whole file
+    settings: dict[str, Any]  #: what the encoder was told; empty = not recorded
+
+    @property
+    def duration_seconds(self) -> Fraction:
+        """How long the video runs, seconds."""
+        return self.end_seconds - self.begin_seconds
+
+    @classmethod
+    def of(cls, reader: GsvrReader) -> Metadata:
+        """Return what header, index and settings say; no GOP is read."""
+        header, gops = reader.header, reader.gops
+        begin = gops[0].start_pts * header.time_base
+        end = (gops[-1].last_pts + max(gops[-1].last_duration, 1)) * header.time_base
+        return cls(
+            width=header.width,
+            height=header.height,
+            frames=reader.frames,
+            gops=len(gops),
+            gaussians=sum(gop.gaussians for gop in gops),
+            time_base=header.time_base,
+            begin_seconds=begin,
+            end_seconds=end,
+            average_rate=reader.frames / (end - begin),
+            sample_aspect=header.sample_aspect,
+            rotation=header.rotation,
+            bit_depth=header.bit_depth,
+            colour=header.colour,
+            version=header.version,
+            size_bytes=reader.size,
+            settings=_settings(reader),
+        )
+
+
+def _settings(reader: GsvrReader) -> dict[str, Any]:
+    """Return the encoder's settings; no picture depends on them, so damage only warns."""
+    try:
+        return reader.settings()
+    except CorruptError as error:
+        _log.warning("the encoder's settings cannot be read: %s", error)
+        return {}

@@ -1,0 +1,111 @@
+"""The plane table of a GOP: what each plane is and how it is coded (spec section "Plane table")."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from math import isfinite
+
+from gsvrcodec.container.gop_head import GopHead
+from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, Attribute, expected_planes
+from gsvrcodec.model.quantise import Quantiser
+from gsvrcodec.planes.samples import MAX_BITS
+from gsvrcodec.planes.table import Codec
+
+_ENTRY = struct.Struct("<BBBBHHffI")
+PLANE_ENTRY_BYTES = _ENTRY.size
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneEntry:
+    """One line of the plane table."""
+
+    attribute: Attribute  #: what the samples are
+    component: int  #: which part of it, from 0
+    codec: Codec  #: how they are coded
+    quantiser: Quantiser  #: what they stand for: bits, offset, step
+    width: int  #: samples in a row
+    height: int  #: rows
+    size: int  #: bytes of the coded plane
+
+    @property
+    def name(self) -> str:
+        """Attribute and component, as in "colour.2"; for messages and tables."""
+        if self.attribute.components == 1:
+            return self.attribute.name
+        return f"{self.attribute.name}.{self.component}"
+
+    def to_bytes(self) -> bytes:
+        """The entry as it stands in the file."""
+        return _ENTRY.pack(
+            self.attribute.id,
+            self.component,
+            self.codec,
+            self.quantiser.bits,
+            self.width,
+            self.height,
+            self.quantiser.offset,
+            self.quantiser.step,
+            self.size,
+        )
+
+
+def parse_plane_table(
+    payload: bytes, offset: int, head: GopHead
+) -> tuple[tuple[PlaneEntry, ...], int]:
+    """Read and check the plane table that starts at `offset` of a GOP's payload.
+
+    Returns:
+        Its entries, and the offset after it.
+
+    Raises:
+        CorruptError: It is cut short, or is not the table that the GOP's head implies.
+        UnsupportedError: It names an attribute or codec that this version does not know.
+    """
+    end = offset + head.planes * PLANE_ENTRY_BYTES
+    if end > len(payload):
+        raise CorruptError(f"plane table of {head.planes} planes cut short")
+    raw = list(_ENTRY.iter_unpack(payload[offset:end]))
+    for attribute_id, _, codec, *_ in raw:
+        if attribute_id not in ATTRIBUTE_BY_ID:
+            raise UnsupportedError(f"unknown attribute {attribute_id} in a plane table")
+        if codec not in Codec.__members__.values():
+            raise UnsupportedError(f"unknown plane codec {codec}")
+    expected = expected_planes(head.gaussians, head.grid)
+    if len(raw) != len(expected):
+        raise CorruptError(f"{len(raw)} planes, expected {len(expected)}")
+    entries = []
+    for fields, (attribute, component, width, height) in zip(raw, expected, strict=True):
+        attribute_id, part, codec, bits, found_width, found_height, start, step, size = fields
+        if (attribute_id, part) != (attribute.id, component):
+            raise CorruptError(
+                f"plane {attribute_id}.{part} where {attribute.id}.{component} is expected"
+            )
+        if (found_width, found_height) != (width, height):
+            raise CorruptError(
+                f"plane {attribute.name} of {found_width}x{found_height}, expected {width}x{height}"
+            )
+        quantiser = _quantiser(attribute, codec, bits, start, step)
+        entries.append(
+            PlaneEntry(attribute, component, Codec(codec), quantiser, width, height, size)
+        )
+    return tuple(entries), end
+
+
+def _quantiser(
+    attribute: Attribute, codec: int, bits: int, offset: float, step: float
+) -> Quantiser:
+    if not 1 <= bits <= MAX_BITS:
+        raise CorruptError(f"plane {attribute.name} of {bits} bits")
+    if not (isfinite(offset) and isfinite(step)) or step < 0:
+        raise CorruptError(f"plane {attribute.name} with offset {offset} and step {step}")
+    if step == 0 and codec != Codec.CONSTANT:
+        raise CorruptError(f"plane {attribute.name} with step 0 is not constant")
+    quantiser = Quantiser(bits, offset, step)
+    if offset < attribute.low or quantiser.last > attribute.high:
+        raise CorruptError(
+            f"plane {attribute.name} spans {offset:g} to {quantiser.last:g}, "
+            f"allowed is {attribute.low:g} to {attribute.high:g}"
+        )
+    return quantiser

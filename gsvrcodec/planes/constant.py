@@ -1,0 +1,28 @@
+"""Codec 0, constant: all samples of the plane are one value (spec section "Codec 0")."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.planes.samples import Samples, Shape
+
+_VALUE = struct.Struct("<H")
+
+
+def encode(samples: Samples, shape: Shape) -> bytes | None:
+    """Two bytes, or None if the samples differ."""
+    first = int(samples.flat[0])
+    return _VALUE.pack(first) if (samples == first).all() else None
+
+
+def decode(data: bytes, shape: Shape) -> Samples:
+    """The plane that the two bytes stand for."""
+    if len(data) != _VALUE.size:
+        raise CorruptError(f"constant plane of {len(data)} bytes, expected {_VALUE.size}")
+    (value,) = _VALUE.unpack(data)
+    if value >= 1 << shape.bits:
+        raise CorruptError(f"sample {value} in a plane of {shape.bits} bits")
+    return np.full((shape.height, shape.width), value, np.uint16)

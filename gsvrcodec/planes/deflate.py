@@ -1,0 +1,90 @@
+"""Codec 1, deflate: samples or their differences as bytes, raw deflate (spec section "Codec 1")."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.planes.samples import Samples, Shape
+
+_RAW_DEFLATE = -15
+#: First byte of the data: what each sample is the difference to.
+_PREDICT_NONE = 0
+_PREDICT_LEFT = 1
+#: Noise wants no matches at all, smooth planes do; the smaller result is kept.
+_STRATEGIES = (zlib.Z_FILTERED, zlib.Z_HUFFMAN_ONLY)
+
+
+def encode(samples: Samples, shape: Shape) -> bytes:
+    """The smaller of plain samples and differences."""
+    candidates = []
+    for predictor, values in (
+        (_PREDICT_NONE, samples),
+        (_PREDICT_LEFT, _differences(samples, shape.bits)),
+    ):
+        planes = _split(values, shape)
+        for strategy in _STRATEGIES:
+            deflater = zlib.compressobj(9, zlib.DEFLATED, _RAW_DEFLATE, 9, strategy)
+            body = deflater.compress(planes) + deflater.flush()
+            candidates.append(bytes([predictor]) + body)
+    return min(candidates, key=len)
+
+
+def decode(data: bytes, shape: Shape) -> Samples:
+    """Inflate exactly the declared number of samples and undo the prediction."""
+    if not data or data[0] not in (_PREDICT_NONE, _PREDICT_LEFT):
+        raise CorruptError(f"unknown predictor {data[0] if data else None} of a deflate plane")
+    expected = shape.samples * shape.stored_bytes
+    inflater = zlib.decompressobj(_RAW_DEFLATE)
+    try:
+        # One byte more than expected shows a stream that is too long, and lets the last one end.
+        planes = inflater.decompress(data[1:], expected + 1)
+    except zlib.error as error:
+        raise CorruptError(f"damaged deflate stream ({error})") from error
+    if len(planes) != expected or not inflater.eof or inflater.unused_data:
+        raise CorruptError(f"deflate stream does not hold {expected} bytes and end there")
+    values = _join(planes, shape)
+    if int(values.max()) >= 1 << shape.bits:
+        raise CorruptError(f"sample {int(values.max())} in a plane of {shape.bits} bits")
+    return values if data[0] == _PREDICT_NONE else _integrate(values, shape.bits)
+
+
+def _differences(samples: Samples, bits: int) -> Samples:
+    """Zigzag differences modulo 2**bits to the left; at the start of a row, to the row above."""
+    values = samples.astype(np.int32)
+    change = values.copy()
+    change[:, 1:] -= values[:, :-1]
+    change[1:, 0] -= values[:-1, 0]
+    half = 1 << (bits - 1)
+    change = ((change + half) & ((1 << bits) - 1)) - half
+    return ((change << 1) ^ (change >> 31)).astype(np.uint16)
+
+
+def _integrate(values: Samples, bits: int) -> Samples:
+    """The inverse of `_differences`."""
+    zigzag: NDArray[np.int32] = values.astype(np.int32)
+    change = (zigzag >> 1) ^ -(zigzag & 1)
+    # Sums wrap modulo 2**32, which does no harm: only their lowest 16 bits are used.
+    change[:, 0] = np.cumsum(change[:, 0], dtype=np.int32)
+    total = np.cumsum(change, axis=1, dtype=np.int32)
+    return (total & ((1 << bits) - 1)).astype(np.uint16)
+
+
+def _split(values: Samples, shape: Shape) -> bytes:
+    """The low bytes of all samples, then, over 8 bits, the high bytes."""
+    low = (values & 0xFF).astype(np.uint8).tobytes()
+    if shape.stored_bytes == 1:
+        return low
+    return low + (values >> 8).astype(np.uint8).tobytes()
+
+
+def _join(planes: bytes, shape: Shape) -> Samples:
+    """The inverse of `_split`."""
+    parts = np.frombuffer(planes, np.uint8).reshape(-1, shape.height, shape.width)
+    values: Samples = parts[0].astype(np.uint16)
+    if shape.stored_bytes == 2:
+        values |= parts[1].astype(np.uint16) << 8
+    return values

@@ -1,0 +1,97 @@
+"""Codec 2, PNG: a grey image of 8 or 16 bits (spec section "Codec 2").
+
+The image library is called only when the file's structure, size and compressed data were
+checked here: it accepts trailing bytes and a missing end, and converts what is not grey.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import imagecodecs
+
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.planes.samples import Samples, Shape, checked
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEAD = struct.Struct(">I4s")
+_IHDR = struct.Struct(">IIBBBBB")
+_CRC = struct.Struct(">I")
+_LEVEL = 9
+
+
+def encode(samples: Samples, shape: Shape) -> bytes:
+    """The samples as a grey PNG."""
+    return bytes(imagecodecs.png_encode(samples.astype(shape.dtype), level=_LEVEL))
+
+
+def decode(data: bytes, shape: Shape) -> Samples:
+    """The samples of a grey PNG of exactly this size and depth."""
+    _check_image_data(_image_data(data, shape), shape)
+    out = shape.empty()
+    try:
+        imagecodecs.png_decode(data, out=out)
+    except (RuntimeError, ValueError) as error:
+        raise CorruptError(f"damaged PNG ({error})") from error
+    return checked(out, shape)
+
+
+def _image_data(data: bytes, shape: Shape) -> bytes:
+    """Check signature and chunks, and return the joined payloads of the IDAT chunks."""
+    if not data.startswith(_SIGNATURE):
+        raise CorruptError("not a PNG")
+    parts: list[bytes] = []
+    offset = len(_SIGNATURE)
+    first = True
+    while True:
+        if len(data) - offset < _HEAD.size + _CRC.size:
+            raise CorruptError("PNG without its end")
+        size, kind = _HEAD.unpack_from(data, offset)
+        end = offset + _HEAD.size + size
+        if end + _CRC.size > len(data):
+            raise CorruptError("PNG chunk past the end of the plane")
+        (crc,) = _CRC.unpack_from(data, end)
+        if zlib.crc32(data[offset + 4 : end]) != crc:
+            raise CorruptError("PNG chunk with a CRC mismatch")
+        payload = data[offset + _HEAD.size : end]
+        offset = end + _CRC.size
+        if first != (kind == b"IHDR"):
+            raise CorruptError("PNG whose first chunk is not its only IHDR")
+        if first:
+            _check_ihdr(payload, shape)
+            first = False
+        elif kind == b"IDAT":
+            parts.append(payload)
+        elif kind == b"IEND" and not payload:
+            break
+        else:
+            raise CorruptError(f"PNG chunk {kind!r} is not allowed in a plane")
+    if offset != len(data):
+        raise CorruptError(f"{len(data) - offset} bytes after the end of a PNG")
+    return b"".join(parts)
+
+
+def _check_ihdr(payload: bytes, shape: Shape) -> None:
+    if len(payload) != _IHDR.size:
+        raise CorruptError(f"PNG header of {len(payload)} bytes")
+    found = _IHDR.unpack(payload)
+    # Width, height, depth, then grey, deflate, the five filters, not interlaced.
+    expected = (shape.width, shape.height, 8 * shape.stored_bytes, 0, 0, 0, 0)
+    if found != expected:
+        raise CorruptError(f"PNG header {found}, expected {expected}")
+
+
+def _check_image_data(compressed: bytes, shape: Shape) -> None:
+    """Check that the data inflates to exactly the rows of the plane, each with a known filter."""
+    row = 1 + shape.width * shape.stored_bytes
+    expected = row * shape.height
+    inflater = zlib.decompressobj()
+    try:
+        rows = inflater.decompress(compressed, expected + 1)
+    except zlib.error as error:
+        raise CorruptError(f"damaged PNG data ({error})") from error
+    if len(rows) != expected or not inflater.eof or inflater.unused_data:
+        raise CorruptError(f"PNG data does not hold {expected} bytes and end there")
+    if max(rows[::row]) > 4:
+        raise CorruptError(f"PNG filter {max(rows[::row])}")

@@ -1,0 +1,164 @@
+"""Writers that code the pictures: H.264 in MP4, and lossless FFV1 in Matroska."""
+
+from __future__ import annotations
+
+import logging
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+from av.video.reformatter import ColorRange
+
+from gsvrcodec.errors import OutputError
+from gsvrcodec.video.colour import MATRIX_RGB, Rgb, output_matrix, to_ycbcr, ycbcr_format
+from gsvrcodec.video.output import OutputInfo
+
+_log = logging.getLogger(__name__)
+
+#: The largest number of ticks a second that MP4 can count in.
+_MAX_TIMESCALE = 2**31 - 1
+
+#: Matroska files count in milliseconds.
+_MILLISECOND = Fraction(1, 1000)
+
+
+class _ContainerWriter:
+    """A file with one video stream, written by FFmpeg; the ticks of the source are kept."""
+
+    def __init__(
+        self,
+        path: Path,
+        info: OutputInfo,
+        *,
+        container: str,
+        container_options: dict[str, str],
+        codec: str,
+        codec_options: dict[str, str],
+        pixel_format: str,
+        matrix: int,
+    ) -> None:
+        self._info = info
+        self._scale = info.time_base.numerator
+        self._base = Fraction(1, info.time_base.denominator)
+        self._file = av.open(
+            f"file:{path}", "w", format=container, container_options=container_options
+        )
+        stream = self._file.add_stream(codec, rate=info.rate, options=codec_options)
+        assert isinstance(stream, av.VideoStream)
+        self._stream = stream
+        self._durations: dict[int, int] = {}
+        context = stream.codec_context
+        context.width, context.height = info.width, info.height
+        context.pix_fmt = pixel_format
+        context.time_base = stream.time_base = self._base
+        context.sample_aspect_ratio = info.sample_aspect
+        context.thread_count = info.threads
+        context.color_primaries = info.colour.primaries
+        context.color_trc = info.colour.transfer
+        context.colorspace = matrix
+        full = info.colour.full_range or matrix == MATRIX_RGB
+        context.color_range = ColorRange.JPEG if full else ColorRange.MPEG
+        if info.rotation:
+            stream.set_display_rotation(-info.rotation)
+
+    def _frame(self, rgb: Rgb) -> av.VideoFrame:
+        """Return the picture in the stream's pixel format."""
+        raise NotImplementedError
+
+    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+        """Code one picture."""
+        frame = self._frame(rgb)
+        frame.pts = pts * self._scale
+        frame.time_base = self._base
+        self._durations[frame.pts] = duration * self._scale
+        self._mux(self._stream.encode(frame))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._mux(self._stream.encode(None))
+        self._file.close()
+
+    def _mux(self, packets: list[av.Packet[av.VideoStream]]) -> None:
+        """Write coded pictures, each with its own duration, which encoders do not pass on."""
+        for packet in packets:
+            if packet.pts is not None:
+                packet.duration = self._durations.pop(packet.pts, 0)
+            self._file.mux(packet)
+
+    def abort(self) -> None:
+        """Let go of the file."""
+        try:
+            self._file.close()
+        except (av.FFmpegError, OSError) as error:
+            _log.debug("closing an unfinished output: %s", error)
+
+
+class H264Writer(_ContainerWriter):
+    """Near-lossless H.264 in MP4, timestamps exact to the tick."""
+
+    def __init__(self, path: Path | None, info: OutputInfo) -> None:
+        """Create the file at `path`."""
+        assert path is not None
+        if info.time_base.denominator > _MAX_TIMESCALE:
+            raise OutputError(f"a time base of {info.time_base} s is too fine for .mp4; use .mkv")
+        self._format = ycbcr_format(info.width, info.height)
+        timescale = str(info.time_base.denominator)
+        super().__init__(
+            path,
+            info,
+            container="mp4",
+            # FFmpeg's own choices round the start of the film to milliseconds.
+            container_options={
+                "video_track_timescale": timescale,
+                "movie_timescale": timescale,
+                "movflags": "+faststart",
+            },
+            codec="libx264",
+            codec_options={
+                "crf": str(info.crf),
+                "preset": info.codec_preset,
+                # Without B-frames every sample's duration in the file is the time it is shown.
+                "bf": "0",
+                # Fidelity, not looks; and no saving on pictures that the next ones do not use.
+                "x264-params": "mbtree=0:psy=0",
+            },
+            pixel_format=self._format,
+            matrix=output_matrix(info.colour),
+        )
+
+    def _frame(self, rgb: Rgb) -> av.VideoFrame:
+        """Return the picture as YCbCr."""
+        return to_ycbcr(rgb, self._format, self._info.colour)
+
+
+class Ffv1Writer(_ContainerWriter):
+    """Lossless FFV1 of the RGB itself in Matroska, timestamps to the millisecond."""
+
+    def __init__(self, path: Path | None, info: OutputInfo) -> None:
+        """Create the file at `path`."""
+        assert path is not None
+        self._warned = False
+        super().__init__(
+            path,
+            info,
+            container="matroska",
+            container_options={},
+            codec="ffv1",
+            codec_options={"level": "3", "slicecrc": "1"},
+            pixel_format="bgr0",
+            matrix=MATRIX_RGB,
+        )
+
+    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+        """Code one picture."""
+        if not self._warned and (pts * self._info.time_base) % _MILLISECOND:
+            _log.warning("timestamps are rounded to milliseconds in .mkv; .mp4 keeps them exact")
+            self._warned = True
+        super().write(rgb, pts, duration)
+
+    def _frame(self, rgb: Rgb) -> av.VideoFrame:
+        """Return the picture with a byte of padding to every pixel."""
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
+        frame.color_range = ColorRange.JPEG
+        return frame.reformat(format="bgr0")

@@ -1,0 +1,127 @@
+"""Small GOPs and .gsvr files made in memory, for the tests of the bitstream."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import fields
+from fractions import Fraction
+
+import numpy as np
+
+from gsvrcodec.container.header import Header
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.container.writer import GsvrWriter
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.pack import GopContent, pack_gop, unpack_gop
+from gsvrcodec.planes import PACKS
+
+#: Fixed here, so that test vectors do not change when a profile is tuned.
+BITS: Mapping[str, int] = {
+    "position": 13,
+    "log_scale": 8,
+    "rotation": 7,
+    "colour": 10,
+    "alpha": 6,
+    "linear": 11,
+    "quadratic": 9,
+    "xy": 10,
+    "xt": 8,
+    "yt": 8,
+}
+SIXTEEN_BITS: Mapping[str, int] = dict.fromkeys(BITS, 16)
+
+HEADER = Header(width=64, height=48, time_base=Fraction(1, 1000))
+
+
+def make_gop(gaussians: int, grid: tuple[int, int, int] = (0, 0, 0), seed: int = 0) -> Gop:
+    """A GOP of random values of usual size."""
+    draw = np.random.default_rng(seed)
+    gx, gy, gt = grid
+
+    def normal(mean: float, spread: float, *shape: int) -> Float32Array:
+        values: Float32Array = (mean + spread * draw.standard_normal(shape)).astype(np.float32)
+        return values
+
+    return Gop(
+        position=draw.uniform(-1, 1, (gaussians, 2)).astype(np.float32),
+        log_scale=normal(1, 0.5, gaussians, 2),
+        rotation=draw.uniform(0, 3, gaussians).astype(np.float32),
+        colour=normal(0.3, 0.2, gaussians, 3),
+        alpha=draw.uniform(0, 1, gaussians).astype(np.float32),
+        linear=normal(0, 0.02, gaussians, 2),
+        quadratic=normal(0, 0.01, gaussians, 2),
+        xy=normal(0, 0.02, gy, gx, 8),
+        xt=normal(1, 0.1, gt, gx, 8),
+        yt=normal(1, 0.1, gt, gy, 8),
+    )
+
+
+def make_payload(
+    gaussians: int = 20,
+    grid: tuple[int, int, int] = (0, 0, 0),
+    *,
+    frames: int = 3,
+    first_frame: int = 0,
+    start_pts: int = 0,
+    pack: str = "deflate",
+    bits: Mapping[str, int] = BITS,
+    seed: int = 0,
+) -> bytes:
+    """The payload of a GOP of 40-tick frames."""
+    pts = start_pts + 40 * np.arange(frames, dtype=np.int64)
+    return pack_gop(
+        make_gop(gaussians, grid, seed),
+        pts,
+        np.full(frames, 40, np.int64),
+        first_frame,
+        bits,
+        PACKS[pack],
+    )
+
+
+def make_payloads(count: int, frames: int = 3, gaussians: int = 5) -> list[bytes]:
+    """Payloads of GOPs that follow each other."""
+    return [
+        make_payload(
+            gaussians,
+            frames=frames,
+            first_frame=frames * number,
+            start_pts=40 * frames * number,
+            seed=number,
+        )
+        for number in range(count)
+    ]
+
+
+def make_file(
+    payloads: list[bytes],
+    header: Header = HEADER,
+    auxiliary: tuple[tuple[bytes, bytes], ...] = (),
+) -> bytes:
+    """A whole file, auxiliary chunks after the GOPs."""
+    file = io.BytesIO()
+    with GsvrWriter(file, header) as writer:
+        for payload in payloads:
+            writer.add_gop(payload)
+        for kind, data in auxiliary:
+            writer.add_auxiliary(kind, data)
+    return file.getvalue()
+
+
+def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
+    """Open a file and unpack every GOP of it, as a decoder would."""
+    limits = limits or Limits()
+    with GsvrReader(io.BytesIO(data), limits) as reader:
+        reader.settings()
+        return [
+            unpack_gop(reader.read_gop(position), reader.header, limits)
+            for position in range(len(reader.gops))
+        ]
+
+
+def assert_gops_equal(left: Gop, right: Gop) -> None:
+    """Both hold the same values, bit for bit."""
+    for field in fields(Gop):
+        np.testing.assert_array_equal(getattr(left, field.name), getattr(right, field.name))

@@ -1,0 +1,172 @@
+"""Small files that the tests make for themselves, and where the sample clips lie."""
+
+from __future__ import annotations
+
+import json
+import os
+import wave
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gsvrcodec.container.header import ColourInfo, Header
+from gsvrcodec.container.writer import GsvrWriter
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.pack import pack_gop
+from gsvrcodec.video import OutputInfo, open_writer
+
+SAMPLES = Path(__file__).parent.parent / "samples"
+BUNNY = SAMPLES / "bigbuckbunny.mp4"
+BUNNY_SMALL = SAMPLES / "bunny_24f_320x180_audio.mp4"
+TEN_BIT = SAMPLES / "bunny_10bit_12f_320x180.mkv"
+ODD = SAMPLES / "city_cut_odd_24f_241x135.webm"
+VFR_ROTATED = SAMPLES / "cup_vfr_rot90_16f_320x240.mp4"
+NOISE = SAMPLES / "tree_noise_20f_160x120.mp4"
+
+#: More clips, for those who have them: GSVR_TEST_CLIPS names their directory.
+CLIPS = Path(os.environ.get("GSVR_TEST_CLIPS", "clips-not-given"))
+needs_clips = pytest.mark.skipif(not CLIPS.is_dir(), reason="GSVR_TEST_CLIPS is not set")
+
+Rgb = NDArray[np.uint8]
+
+
+def psnr(a: Rgb, b: Rgb) -> float:
+    """Return the PSNR of two 8-bit pictures in dB, 100 when they are equal."""
+    error = float(np.mean((a.astype(np.float64) - b) ** 2))
+    return 10 * np.log10(255**2 / error) if error else 100.0
+
+
+def colour_bars(width: int = 160, height: int = 96) -> Rgb:
+    """Return eight full bars over a grey ramp, the bars 16-pixel aligned."""
+    corners = [(r, g, b) for r in (0, 255) for g in (0, 255) for b in (0, 255)]
+    columns = np.array(corners, np.uint8)[np.arange(width) * 8 // width]
+    ramp = np.linspace(0, 255, width).astype(np.uint8)[:, None].repeat(3, axis=1)
+    half = height // 2
+    return np.concatenate([columns[None].repeat(half, 0), ramp[None].repeat(height - half, 0)])
+
+
+def output_info(
+    pictures: list[Rgb], *, time_base: Fraction = Fraction(1, 25), colour: ColourInfo | None = None
+) -> OutputInfo:
+    """Return what a writer must know of pictures shown at 25 a second."""
+    height, width = pictures[0].shape[:2]
+    return OutputInfo(
+        width=width,
+        height=height,
+        time_base=time_base,
+        rate=Fraction(25),
+        frames=len(pictures),
+        colour=colour or ColourInfo(),
+    )
+
+
+def write_video(path: Path, pictures: list[Rgb], info: OutputInfo | None = None) -> Path:
+    """Write pictures at one tick each."""
+    with open_writer(path, info or output_info(pictures)) as writer:
+        for pts, rgb in enumerate(pictures):
+            writer.write(rgb, pts, 1)
+    return path
+
+
+def audio_only(path: Path) -> Path:
+    """Write a tenth of a second of silence as a WAV file."""
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(8000)
+        file.writeframes(bytes(1600))
+    return path
+
+
+def audio_with_cover(path: Path) -> Path:
+    """Write a sound track whose only picture is its cover."""
+    with av.open(path, "w", format="mp4") as file:
+        audio = file.add_stream("aac", rate=44100)
+        cover = file.add_stream("mjpeg", rate=25)
+        cover.width, cover.height, cover.pix_fmt = 64, 48, "yuvj420p"
+        cover.disposition = av.stream.Disposition.attached_pic
+        silence = np.zeros((2, 1024), np.float32)
+        samples = av.AudioFrame.from_ndarray(silence, format="fltp", layout="stereo")
+        samples.sample_rate = 44100
+        file.mux(audio.encode(samples))
+        file.mux(cover.encode(av.VideoFrame(64, 48, "yuvj420p")))
+        file.mux([*cover.encode(None), *audio.encode(None)])
+    return path
+
+
+def zero_frames(path: Path) -> Path:
+    """Write a Y4M file that ends after its header."""
+    path.write_bytes(b"YUV4MPEG2 W64 H48 F25:1 Ip A1:1 C420jpeg\n")
+    return path
+
+
+def random_gop(
+    rng: np.random.Generator, gaussians: int = 60, grid: tuple[int, int, int] = (4, 3, 5)
+) -> Gop:
+    """Return Gaussians of middling size that move a little."""
+    gx, gy, gt = grid
+
+    def normal(*shape: int, sigma: float = 1.0) -> Float32Array:
+        return rng.normal(0, sigma, shape).astype(np.float32)
+
+    return Gop(
+        position=rng.uniform(-1, 1, (gaussians, 2)).astype(np.float32),
+        log_scale=rng.uniform(0, 2, (gaussians, 2)).astype(np.float32),
+        rotation=rng.uniform(0, np.pi, gaussians).astype(np.float32),
+        colour=rng.uniform(-0.2, 1, (gaussians, 3)).astype(np.float32),
+        alpha=rng.uniform(0, 1, gaussians).astype(np.float32),
+        linear=normal(gaussians, 2, sigma=0.1),
+        quadratic=normal(gaussians, 2, sigma=0.05),
+        xy=normal(gy, gx, 8, sigma=0.05),
+        xt=1 + normal(gt, gx, 8, sigma=0.05),
+        yt=1 + normal(gt, gy, 8, sigma=0.05),
+    )
+
+
+def gsvr_file(
+    path: Path,
+    *,
+    frames: Sequence[int] = (5, 3, 4),
+    size: tuple[int, int] = (48, 32),
+    times: Sequence[tuple[int, int]] | None = None,
+    time_base: Fraction = Fraction(1, 12800),
+    settings: dict[str, Any] | None = None,
+    close: bool = True,
+    **header: Any,
+) -> Path:
+    """Write a .gsvr file of random Gaussians.
+
+    Args:
+        path: the file to write.
+        frames: frames of each GOP.
+        size: width and height, pixels.
+        times: timestamp and duration of every frame, ticks; None = 512 ticks each from 0.
+        time_base: seconds a tick.
+        settings: content of the chunk "sett"; None = no such chunk.
+        close: False = leave out index and end, as a killed encoder does.
+        header: further fields of the header.
+    """
+    rng = np.random.default_rng(7)
+    if times is None:
+        times = [(512 * number, 512) for number in range(sum(frames))]
+    fields = Header(width=size[0], height=size[1], time_base=time_base, **header)
+    with path.open("w+b") as file:
+        writer = GsvrWriter(file, fields)
+        first = 0
+        for count in frames:
+            pts, durations = np.array(times[first : first + count], np.int64).T
+            bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
+            writer.add_gop(pack_gop(random_gop(rng), pts, durations, first, bits))
+            first += count
+        if settings is not None:
+            writer.add_auxiliary(b"sett", json.dumps(settings).encode())
+        if close:
+            writer.close()
+    return path

@@ -1,0 +1,111 @@
+"""Ways to break a .gsvr file, as an attacker would: with every checksum put right again."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from gsvrcodec.container.chunk import (
+    END_TYPE,
+    HEAD_BYTES,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    OVERHEAD_BYTES,
+    SIGNATURE,
+    TAIL_BYTES,
+    chunk_bytes,
+)
+from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A chunk of a file in memory."""
+
+    type: bytes
+    payload: bytes
+
+    def to_bytes(self) -> bytes:
+        return chunk_bytes(self.type, self.payload)
+
+
+def pieces(data: bytes) -> list[Piece]:
+    """The chunks of a sound file."""
+
+    def walk() -> Iterator[Piece]:
+        offset = len(SIGNATURE)
+        while offset < len(data):
+            kind, size = struct.unpack_from("<4sQ", data, offset)
+            start = offset + HEAD_BYTES
+            yield Piece(kind, data[start : start + size])
+            offset = start + size + TAIL_BYTES
+
+    return list(walk())
+
+
+def joined(chunks: list[Piece], *, reindex: bool = True) -> bytes:
+    """Chunks as a file; `reindex` makes index and end chunk describe it."""
+    if reindex:
+        chunks = [piece for piece in chunks if piece.type not in (INDEX_TYPE, END_TYPE)]
+        offset = len(SIGNATURE) + sum(OVERHEAD_BYTES + len(piece.payload) for piece in chunks)
+        entries = b"".join(
+            piece.type
+            + struct.pack("<Q", len(piece.payload))
+            + (piece.payload[:40] if piece.type == b"GOPD" else b"").ljust(40, b"\0")
+            for piece in chunks
+            if piece.type != HEAD_TYPE
+        )
+        count = sum(piece.type != HEAD_TYPE for piece in chunks)
+        index = Piece(INDEX_TYPE, struct.pack("<I", count) + entries)
+        size = offset + 2 * OVERHEAD_BYTES + len(index.payload) + 16
+        chunks = [*chunks, index, Piece(END_TYPE, struct.pack("<QQ", offset, size))]
+    return SIGNATURE + b"".join(piece.to_bytes() for piece in chunks)
+
+
+def edited(
+    data: bytes, kind: bytes, edit: Callable[[bytearray], object], *, reindex: bool = True
+) -> bytes:
+    """The file with the first chunk of a type changed by `edit`, checksums and index made right."""
+    chunks = pieces(data)
+    at = next(i for i, piece in enumerate(chunks) if piece.type == kind)
+    payload = bytearray(chunks[at].payload)
+    edit(payload)
+    chunks[at] = Piece(kind, bytes(payload))
+    return joined(chunks, reindex=reindex)
+
+
+def patched(data: bytes, kind: bytes, offset: int, layout: str, *values: float | bytes) -> bytes:
+    """The file with fields of a chunk's payload overwritten, checksums and index made right."""
+    return edited(
+        data,
+        kind,
+        lambda payload: struct.pack_into("<" + layout, payload, offset, *values),
+        reindex=kind not in (INDEX_TYPE, END_TYPE),
+    )
+
+
+#: Offset of the plane table in a GOP whose timing is a single run of small numbers.
+TABLE_OFFSET = GOP_HEAD_BYTES + 3
+ENTRY_BYTES = 20
+
+
+def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> bytes:
+    """A GOP's payload with one plane's bytes replaced, and fields of its table entry.
+
+    Fields: attribute, component, codec, bits, width, height, offset, step.
+    """
+    names = ("attribute", "component", "codec", "bits", "width", "height", "offset", "step", "size")
+    layout = struct.Struct("<BBBBHHffI")
+    (planes,) = struct.unpack_from("<H", payload, GOP_HEAD_BYTES - 2)
+    starts = [TABLE_OFFSET + ENTRY_BYTES * i for i in range(planes)]
+    entries = [dict(zip(names, layout.unpack_from(payload, at), strict=True)) for at in starts]
+    parts = []
+    at = TABLE_OFFSET + ENTRY_BYTES * planes
+    for entry in entries:
+        parts.append(payload[at : at + entry["size"]])
+        at += entry["size"]
+    parts[plane] = data
+    entries[plane] |= {**fields, "size": len(data)}
+    table = b"".join(layout.pack(*(entry[name] for name in names)) for entry in entries)
+    return payload[:TABLE_OFFSET] + table + b"".join(parts)

@@ -1,0 +1,305 @@
+"""Writes the test vectors again: `python -m tests.vectors.make`.
+
+Planes coded by PNG, JPEG XL or deflate may come out as other bytes with other versions of the
+libraries; what they decode to may not change. Vectors are written again only when the format does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from gsvrcodec.container.chunk import END_TYPE, GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE
+from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.container.header import ColourInfo, Header
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.pack import pack_gop, unpack_gop
+from gsvrcodec.planes import PACKS
+from tests.gops import BITS, HEADER, SIXTEEN_BITS, make_file, make_gop, make_payload, make_payloads
+from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, pieces, with_plane
+
+HERE = Path(__file__).parent
+VALID = HERE / "valid"
+FAULTY = HERE / "faulty"
+
+
+def minimal() -> bytes:
+    """The file of the spec's worked example."""
+
+    def values(*numbers: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        return np.array(numbers, np.float32)
+
+    none = np.zeros((0, 0, 8), np.float32)
+    gop = Gop(
+        position=values([0, 0]),
+        log_scale=values([0.5, 0]),
+        rotation=values(0.25),
+        colour=values([0.5, 0.5, 0.5]),
+        alpha=values(1),
+        linear=values([0, 0]),
+        quadratic=values([0, 0]),
+        xy=none,
+        xt=none,
+        yt=none,
+    )
+    payload = pack_gop(gop, np.array([0]), np.array([1]), 0, BITS)
+    return make_file([payload], Header(width=16, height=8, time_base=Fraction(1, 25)))
+
+
+def variable_rate() -> bytes:
+    """Three GOPs of uneven frames, the first before time 0, with auxiliary chunks among them."""
+    steps = np.array([33, 33, 34, 100, 1, 5000, 33, 33])
+    pts = np.cumsum(np.append(-1000, steps))
+    parts = np.split(np.arange(len(pts)), [1, 4])
+    payloads = [
+        pack_gop(
+            make_gop(7, (3, 2, 4), seed),
+            pts[part],
+            np.append(np.diff(pts[part]), 0),
+            int(part[0]),
+            BITS,
+            PACKS["deflate"],
+        )
+        for seed, part in enumerate(parts)
+    ]
+    header = replace(
+        HEADER,
+        sample_aspect=Fraction(4, 3),
+        rotation=90,
+        bit_depth=10,
+        colour=ColourInfo(1, 1, 1, True, 1),
+        flags_optional=0x80000001,
+    )
+    settings = json.dumps({"profile": "main", "crop": None}).encode()
+    chunks = pieces(make_file(payloads, header, ((b"sett", settings),)))
+    chunks.insert(2, Piece(b"xprv", b"private"))
+    return joined(chunks)
+
+
+def newer_minor() -> bytes:
+    """A later minor version, whose header has grown."""
+
+    def grow(payload: bytearray) -> None:
+        payload[2:4] = b"\x63\x00"
+        payload += b"new fields"
+
+    return edited(minimal(), HEAD_TYPE, grow)
+
+
+def valid_vectors() -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of all files that every decoder must read."""
+    yield "minimal", minimal()
+    yield "black", make_file([make_payload(0)])
+    yield "black-triplane", make_file([make_payload(0, (2, 2, 2))])
+    yield "variable-rate", variable_rate()
+    yield "newer-minor", newer_minor()
+    for pack in ("deflate", "png", "jxl", "auto"):
+        yield pack, make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
+    yield "sixteen-bits", make_file([make_payload(30, (4, 3, 2), pack="jxl", bits=SIXTEEN_BITS)])
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A broken file and how a decoder must take it."""
+
+    name: str
+    data: bytes
+    exit_code: int  #: of the error; 0 = it is recovered, with warnings
+    says: str  #: part of the error or warning
+
+
+def faulty_vectors() -> Iterator[Fault]:
+    """All broken files, one fault each."""
+    good = make_file(make_payloads(2), auxiliary=((b"sett", b"{}"),))
+    chunks = pieces(good)
+    head, first, second = chunks[0], chunks[1], chunks[2]
+    gop = first.payload
+
+    def header(name: str, offset: int, layout: str, *values: int, code: int, says: str) -> Fault:
+        return Fault(name, patched(good, HEAD_TYPE, offset, layout, *values), code, says)
+
+    def in_gop(name: str, offset: int, layout: str, *values: float, says: str) -> Fault:
+        return Fault(name, patched(good, GOP_TYPE, offset, layout, *values), 3, says)
+
+    def plane(name: str, data: bytes, says: str, **changes: float) -> Fault:
+        payload = with_plane(gop, 0, data, **changes)
+        return Fault(name, joined([head, Piece(GOP_TYPE, payload), second]), 3, says)
+
+    yield Fault("empty", b"", 3, "empty")
+    yield Fault("text", b"This is not a video.\n", 3, "not a .gsvr file")
+    yield Fault("cut-signature", SIGNATURE[:5], 3, "ends inside the signature")
+    yield Fault("crlf-to-lf", good.replace(b"\r\n", b"\n"), 3, "line ends")
+    yield Fault("seven-bit", bytes(byte & 0x7F for byte in good), 3, "7-bit")
+    yield Fault("no-header", joined(chunks[1:]), 3, "expected HEAD")
+    yield Fault("second-header", joined([head, head, first]), 3, "second header")
+    yield Fault("no-gop", joined([head]), 3, "no whole GOP")
+    yield Fault("no-index", joined(chunks[:3], reindex=False), 0, "has no end")
+    yield Fault("cut-gop", good[: good.index(second.to_bytes()) + 99], 0, "past the end")
+    yield Fault("trailing-bytes", good + b"more", 0, "after the end of the file")
+    yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
+    yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
+    yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.1")
+    yield header("required-flag", 4, "I", 1 << 31, code=4, says="flags 0x80000000")
+    yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
+    yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
+    yield header("zero-aspect", 24, "I", 0, code=3, says="aspect ratio 1/0")
+    yield header("rotation", 28, "H", 45, code=3, says="rotation 45")
+    yield header("huge-picture", 12, "II", 32768, 32768, code=4, says="number of pixels")
+    yield header("gaussians-over-maximum", 44, "I", 4, code=3, says="header's maximum is 4")
+    yield header("frames-over-maximum", 48, "I", 2, code=3, says="header's maximum is 2")
+    yield header("wrong-count", 58, "Q", 99, code=0, says="the header says 99 frames")
+    yield Fault(
+        "index-sizes-swapped",
+        patched(good, INDEX_TYPE, 8, "Q", len(second.payload) + 1),
+        0,
+        "no valid index",
+    )
+    yield Fault("index-frame-gap", patched(good, INDEX_TYPE, 68, "Q", 4), 0, "expected 3")
+    yield Fault("index-lies", patched(good, INDEX_TYPE, 28, "I", 1), 3, "the index names")
+    yield Fault("end-lies", patched(good, END_TYPE, 0, "Q", 2**64 - 1), 0, "no valid index")
+    yield in_gop("zero-frames", 8, "I", 0, says="GOP of 0 frames")
+    yield in_gop("zero-step", GOP_HEAD_BYTES + 1, "B", 0, says="step 0")
+    yield in_gop("run-too-long", GOP_HEAD_BYTES, "B", 4, says="timing run of 4 frames")
+    yield in_gop("half-triplane", 40, "H", 2, says="tri-plane of 2x0x0")
+    yield in_gop("plane-width", TABLE_OFFSET + 4, "H", 5, says="of 5x2, expected 3x2")
+    yield in_gop("plane-order", TABLE_OFFSET + 1, "B", 1, says="plane 0.1 where 0.0")
+    yield in_gop("plane-bits", TABLE_OFFSET + 3, "B", 17, says="of 17 bits")
+    yield in_gop("step-zero", TABLE_OFFSET + 12, "f", 0, says="step 0 is not constant")
+    yield in_gop("step-negative", TABLE_OFFSET + 12, "f", -1, says="step -1")
+    yield in_gop("step-nan", TABLE_OFFSET + 12, "f", np.nan, says="step nan")
+    yield in_gop("offset-infinite", TABLE_OFFSET + 8, "f", np.inf, says="offset inf")
+    yield in_gop("value-over-bound", TABLE_OFFSET + 12, "f", 1e30, says="allowed is -1024")
+    yield in_gop("plane-size", TABLE_OFFSET + 16, "I", 2**32 - 1, says="planes end at byte")
+    yield Fault(
+        "unknown-codec", patched(good, GOP_TYPE, TABLE_OFFSET + 2, "B", 9), 4, "plane codec 9"
+    )
+    yield Fault(
+        "unknown-attribute", patched(good, GOP_TYPE, TABLE_OFFSET, "B", 99), 4, "attribute 99"
+    )
+    yield plane("constant-too-large", b"\x10\x00", "sample 16", codec=0, bits=4)
+    yield plane("deflate-predictor", b"\x02\x03\x00", "unknown predictor 2", codec=1)
+    yield plane("deflate-too-short", b"\x00\x03\x00", "does not hold 12 bytes", codec=1)
+    yield plane("deflate-empty", b"", "unknown predictor None", codec=1)
+    yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
+
+
+def _flip(data: bytes, offset: int) -> bytes:
+    return data[:offset] + bytes([data[offset] ^ 1]) + data[offset + 1 :]
+
+
+def description(data: bytes) -> dict[str, object]:
+    """What a decoder must find in a valid file: header, timing, and hashes of all values."""
+    with GsvrReader(io.BytesIO(data), Limits()) as reader:
+        header = asdict(reader.header)
+        header["time_base"] = str(header["time_base"])
+        header["sample_aspect"] = str(header["sample_aspect"])
+        gops = []
+        for position in range(len(reader.gops)):
+            content = unpack_gop(reader.read_gop(position), reader.header, Limits())
+            values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
+            gops.append(
+                {
+                    "first_frame": content.first_frame,
+                    "pts": content.pts.tolist(),
+                    "durations": content.durations.tolist(),
+                    "shapes": {name: list(array.shape) for name, array in values.items()},
+                    "sha256": {
+                        name: hashlib.sha256(array.astype("<f4").tobytes()).hexdigest()
+                        for name, array in values.items()
+                    },
+                }
+            )
+        return {
+            "header": header,
+            "chunks": [[chunk.name, chunk.offset, chunk.size] for chunk in reader.chunks],
+            "gops": gops,
+        }
+
+
+def hex_dump(data: bytes) -> str:
+    """The worked example of the spec: offset, bytes, what they are."""
+    parts: list[tuple[int, str]] = [(8, "signature")]
+
+    def chunk(name: str, payload: list[tuple[int, str]]) -> None:
+        size = sum(length for length, _ in payload)
+        parts.extend([(4, f"type {name}"), (8, f"length {size}"), (4, "CRC of the head")])
+        parts.extend(payload)
+        parts.append((4, "CRC of the payload"))
+
+    names = [
+        a.name if a.components == 1 else f"{a.name}.{part}"
+        for a in ATTRIBUTES
+        if a.grid == "gaussians"
+        for part in range(a.components)
+    ]
+    summary = [
+        (8, "first frame 0"),
+        (4, "frames 1"),
+        (4, "Gaussians 1"),
+        (8, "first timestamp 0"),
+        (8, "last timestamp 0"),
+        (8, "last duration 1"),
+    ]
+    chunk(
+        "HEAD",
+        [
+            (4, "version 0.1"),
+            (8, "flags"),
+            (8, "size 16x8"),
+            (8, "sample aspect 1/1"),
+            (3, "rotation 0, bit depth 8"),
+            (5, "colour not specified"),
+            (8, "time base 1/25"),
+            (8, "at most 1 Gaussian, 1 frame"),
+            (6, "no tri-plane"),
+            (8, "1 frame"),
+            (4, "1 GOP"),
+        ],
+    )
+    timing = [(3, "timing: 1 frame, step 1, duration 1")]
+    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes")]
+    table = [(20, f"plane {name}") for name in names]
+    planes = [(2, f"samples of {name}") for name in names]
+    chunk("GOPD", [*summary, *shape, *timing, *table, *planes])
+    gop_size = GOP_HEAD_BYTES + 3 + 22 * len(names)
+    chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
+    chunk("fend", [(8, "index at byte 455"), (8, f"file of {len(data)} bytes")])
+    lines = []
+    offset = 0
+    for length, what in parts:
+        for begin in range(0, length, 10):
+            piece = data[offset + begin : offset + min(begin + 10, length)]
+            lines.append(f"    {offset + begin:04x}  {piece.hex(' '):<29}  {what}".rstrip())
+            what = ""
+        offset += length
+    if offset != len(data):
+        raise ValueError(f"the dump has {offset} bytes, the file {len(data)}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Write all vectors beside this script."""
+    for name, data in valid_vectors():
+        (VALID / f"{name}.gsvr").write_bytes(data)
+        text = json.dumps(description(data), indent=1)
+        (VALID / f"{name}.json").write_text(text + "\n")
+    expected = {}
+    for fault in faulty_vectors():
+        (FAULTY / f"{fault.name}.gsvr").write_bytes(fault.data)
+        expected[fault.name] = {"exit_code": fault.exit_code, "says": fault.says}
+    (FAULTY / "expected.json").write_text(json.dumps(expected, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
