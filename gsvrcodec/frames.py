@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.container.chunk import STREAMS_TYPE
 from gsvrcodec.container.header import ColourInfo
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
@@ -80,12 +81,19 @@ class Metadata:
     colour: ColourInfo  #: CICP tags of the source
     version: str  #: of the bitstream
     size_bytes: int  #: of the whole file
+    streams_bytes: int  #: of these, what copied sound and other streams take
     settings: dict[str, Any]  #: what the encoder was told; empty = not recorded
 
     @property
     def duration_seconds(self) -> Fraction:
         """How long the video runs, seconds."""
         return self.end_seconds - self.begin_seconds
+
+    @property
+    def bpp(self) -> float:
+        """Bits a pixel and frame, copied streams left out."""
+        bits = 8 * (self.size_bytes - self.streams_bytes)
+        return bits / (self.frames * self.width * self.height)
 
     @classmethod
     def of(cls, reader: GsvrReader) -> Metadata:
@@ -109,6 +117,9 @@ class Metadata:
             colour=header.colour,
             version=header.version,
             size_bytes=reader.size,
+            streams_bytes=sum(
+                chunk.end - chunk.offset for chunk in reader.chunks if chunk.type == STREAMS_TYPE
+            ),
             settings=_settings(reader),
         )
 

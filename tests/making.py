@@ -138,6 +138,8 @@ def gsvr_file(
     times: Sequence[tuple[int, int]] | None = None,
     time_base: Fraction = Fraction(1, 12800),
     settings: dict[str, Any] | None = None,
+    auxiliary: dict[bytes, bytes] | None = None,
+    grid: tuple[int, int, int] = (4, 3, 5),
     close: bool = True,
     **header: Any,
 ) -> Path:
@@ -150,6 +152,8 @@ def gsvr_file(
         times: timestamp and duration of every frame, ticks; None = 512 ticks each from 0.
         time_base: seconds a tick.
         settings: content of the chunk "sett"; None = no such chunk.
+        auxiliary: further chunks, by type.
+        grid: size of the tri-planes.
         close: False = leave out index and end, as a killed encoder does.
         header: further fields of the header.
     """
@@ -163,10 +167,12 @@ def gsvr_file(
         for count in frames:
             pts, durations = np.array(times[first : first + count], np.int64).T
             bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
-            writer.add_gop(pack_gop(random_gop(rng), pts, durations, first, bits))
+            writer.add_gop(pack_gop(random_gop(rng, grid=grid), pts, durations, first, bits))
             first += count
         if settings is not None:
             writer.add_auxiliary(b"sett", json.dumps(settings).encode())
+        for kind, payload in (auxiliary or {}).items():
+            writer.add_auxiliary(kind, payload)
         if close:
             writer.close()
     return path

@@ -25,8 +25,8 @@ class EncodeSettings:
     profile: Profile = "main"  #: "paper" = the publication as it stands, for comparison
     deform: Deform = "hybrid"  #: parts of the deformation field in use
     gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
-    gop_min: int = 8  #: shortest adaptive GOP between scene cuts, frames
-    gop_max: int = 48  #: longest adaptive GOP, frames
+    gop_min: int = 12  #: shortest adaptive GOP between scene cuts, frames
+    gop_max: int = 32  #: longest adaptive GOP, frames
     flow: Flow = "dis"  #: optical flow for slicing and motion start
     qat: bool = True  #: fine-tune under fake quantisation
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane

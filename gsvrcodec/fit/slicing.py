@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -70,11 +71,11 @@ def slice_gops(
     maximum: int,
     threshold: float = MOTION_THRESHOLD,
 ) -> list[range]:
-    """Frames of each GOP.
+    """Frames of each GOP; none spans a cut.
 
-    A GOP ends at every cut. Otherwise a fixed `gop` ends after so many frames, and an adaptive one
-    when its motion has added up to `threshold`, within `minimum` and `maximum` frames. What is
-    left of a scene at the end is shared with the GOP before it, so that none is needlessly short.
+    A fixed `gop` ends after so many frames. For an adaptive one each frame adds its motion over
+    `threshold` and 1 / `maximum`; a scene is cut into as few GOPs as keep that sum within 1, all
+    of about the same sum, and none of fewer than `minimum` frames unless the scene is.
     """
     scenes: list[list[float]] = []
     for step in steps:
@@ -96,21 +97,20 @@ def slice_gops(
 def _adaptive_lengths(
     motion: list[float], minimum: int, maximum: int, threshold: float
 ) -> list[int]:
-    """Equal shares of a scene's motion: as few as the threshold and the maximum allow."""
-    total = np.cumsum(motion)
-    parts = max(1, int(np.ceil(total[-1] / threshold)), -(-len(motion) // maximum))
-    parts = min(parts, max(1, len(motion) // minimum))
+    frames = len(motion)
+    total = np.cumsum(motion) / threshold + np.arange(1, frames + 1) / maximum
+    parts = max(1, min(math.ceil(total[-1] - 1e-9), frames // minimum))
     lengths: list[int] = []
-    start = 0
-    for part in range(parts, 0, -1):
-        left = len(motion) - start
-        # Share what is left of motion evenly, and keep room for the parts to come.
+    for left in range(parts, 1, -1):
+        start = sum(lengths)
         done = total[start - 1] if start else 0.0
-        goal = done + (total[-1] - done) / part
-        length = int(np.searchsorted(total, goal, side="left")) + 1 - start if part > 1 else left
-        low = max(minimum if left >= part * minimum else 1, left - (part - 1) * maximum)
-        high = min(maximum, left - (part - 1) * min(minimum, left // part))
-        length = min(max(length, low), max(high, low))
-        lengths.append(length)
-        start += length
-    return lengths
+        goal = done + (total[-1] - done) / left
+        length = int(np.searchsorted(total, goal)) + 1 - start
+        most = frames - start - (left - 1) * minimum
+        lengths.append(min(max(length, minimum), most, maximum))
+    # The minimum may have pushed frames to the end.
+    rest = frames - sum(lengths)
+    while rest > maximum:
+        lengths.append(maximum)
+        rest -= maximum
+    return [*lengths, rest]

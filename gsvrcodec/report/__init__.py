@@ -1,0 +1,1 @@
+"""Metrics, the rate-distortion report, and what is in a file."""

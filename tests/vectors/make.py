@@ -168,7 +168,7 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("index-frame-gap", patched(good, INDEX_TYPE, 68, "Q", 4), 0, "expected 3")
     yield Fault("index-lies", patched(good, INDEX_TYPE, 28, "I", 1), 3, "the index names")
     yield Fault("end-lies", patched(good, END_TYPE, 0, "Q", 2**64 - 1), 0, "no valid index")
-    yield in_gop("zero-frames", 8, "I", 0, says="GOP of 0 frames")
+    yield Fault("zero-frames", patched(good, GOP_TYPE, 8, "I", 0), 0, "GOP of 0 frames")
     yield in_gop("zero-step", GOP_HEAD_BYTES + 1, "B", 0, says="step 0")
     yield in_gop("run-too-long", GOP_HEAD_BYTES, "B", 4, says="timing run of 4 frames")
     yield in_gop("half-triplane", 40, "H", 2, says="tri-plane of 2x0x0")

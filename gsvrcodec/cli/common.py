@@ -1,0 +1,156 @@
+"""What the four commands share: errors in one line, exit codes, messages, options."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+import gsvrcodec
+from gsvrcodec.errors import CorruptError, GsvrError, OutputError, UnsupportedError
+from gsvrcodec.files import atomic_output
+
+EXIT_FAILURE = 1
+EXIT_CORRUPT = 3
+EXIT_PARTIAL = 5
+EXIT_MISMATCH = 6
+EXIT_INTERRUPTED = 130
+
+#: Set to anything to see where an unexpected error comes from.
+DEBUG = "GSVR_DEBUG"
+
+
+class _FileError(click.ClickException):
+    """An error with the name of the file it was found in."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.status = exit_code
+
+
+def run(command: click.Command, args: Sequence[str] | None) -> int:
+    """Run a command; print every failure as one line and return the exit code.
+
+    Args:
+        command: what to run; it returns its exit code, None = 0.
+        args: its arguments; None = those of the process.
+    """
+    name = command.name or "gsvrcodec"
+    with _warnings_on_stderr(name):
+        try:
+            code = command.main(args, prog_name=name, standalone_mode=False)
+            sys.stdout.flush()
+            return code or 0
+        except GsvrError as error:
+            return _failed(name, str(error), error.exit_code)
+        except _FileError as error:
+            return _failed(name, error.message, error.status)
+        except click.ClickException as error:
+            return _failed(name, error.format_message(), error.exit_code)
+        except (click.Abort, KeyboardInterrupt):
+            return _failed(name, "interrupted", EXIT_INTERRUPTED)
+        except BrokenPipeError:
+            # The reader has gone: nobody to tell, and nothing more to flush.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return EXIT_FAILURE
+        except MemoryError:
+            return _failed(name, "out of memory", EXIT_FAILURE)
+        except Exception as error:
+            if DEBUG in os.environ:
+                raise
+            what = f"{type(error).__name__}: {error}".splitlines()[0]
+            hint = "" if isinstance(error, OSError) else f" (set {DEBUG}=1 to see where)"
+            return _failed(name, f"{what}{hint}", EXIT_FAILURE)
+
+
+@contextmanager
+def about(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Put the name of the file before what is wrong with it."""
+    try:
+        yield
+    except (CorruptError, UnsupportedError) as error:
+        raise _FileError(f"{os.fspath(path)}: {error}", error.exit_code) from error
+
+
+def may_overwrite(path: str | None, overwrite: bool) -> bool:
+    """Return `overwrite`, or what the person at the terminal says if the file exists."""
+    if overwrite or path in (None, "-") or not Path(str(path)).is_file():
+        return overwrite
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    if click.confirm(f"{path} exists already. Overwrite it?", err=True):
+        return True
+    raise OutputError(f"{path} is left as it is")
+
+
+def write_text(path: str, text: str, *, overwrite: bool) -> None:
+    """Write text to a file, or to the standard output for "-"."""
+    if path == "-":
+        click.echo(text, nl=False)
+        return
+    with atomic_output(path, overwrite=overwrite) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    """Print the version of the package and of the bitstream, and leave."""
+    if not wanted or ctx.resilient_parsing:
+        return
+    from gsvrcodec.container.header import VERSION_MAJOR, VERSION_MINOR
+
+    bitstream = f"{VERSION_MAJOR}.{VERSION_MINOR}"
+    click.echo(f"{ctx.info_name} {gsvrcodec.__version__} (bitstream {bitstream})")
+    ctx.exit()
+
+
+version_option = click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=show_version,
+    help="Show the version and exit.",
+)
+overwrite_option = click.option(
+    "-y", "overwrite", is_flag=True, help="Overwrite an output that exists."
+)
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print errors and warnings only.")
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N",
+    show_default=True,
+    help="CPU threads; 0 = GSVR_THREADS or all cores.",
+)
+
+
+def _failed(name: str, message: str, code: int) -> int:
+    """Print why a command failed and return its exit code."""
+    click.echo(f"{name}: error: {' '.join(message.split())}", err=True)
+    return code
+
+
+@contextmanager
+def _warnings_on_stderr(name: str) -> Iterator[None]:
+    """Print what the library warns of while the command runs."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter(f"{name}: %(levelname)s: %(message)s"))
+    handler.addFilter(_lower_level)
+    logger = logging.getLogger("gsvrcodec")
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
+def _lower_level(record: logging.LogRecord) -> bool:
+    """Write "warning" like the rest of the line, in small letters."""
+    record.levelname = record.levelname.lower()
+    return True

@@ -1,0 +1,154 @@
+"""gsvrinfo: what is in a .gsvr file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from gsvrcodec.cli.common import (
+    EXIT_CORRUPT,
+    EXIT_MISMATCH,
+    about,
+    may_overwrite,
+    overwrite_option,
+    run,
+    version_option,
+    write_text,
+)
+
+if TYPE_CHECKING:
+    from gsvrcodec.report.inspect import FileInfo
+
+#: Names of the CICP matrices that are common, the others are shown as numbers.
+_MATRICES = {0: "RGB", 1: "BT.709", 2: "untagged", 5: "BT.601", 6: "BT.601", 9: "BT.2020"}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run gsvrinfo and return its exit code."""
+    return run(command, args)
+
+
+@click.command("gsvrinfo", context_settings={"max_content_width": 100})
+@click.argument("source", metavar="INPUT.gsvr")
+@click.option(
+    "--json",
+    "json_path",
+    metavar="[FILE]",
+    is_flag=False,
+    flag_value="-",
+    help="Write everything as a JSON object; - or nothing = standard output.",
+)
+@click.option("--gops", is_flag=True, help="List every GOP.")
+@click.option(
+    "--verify",
+    is_flag=True,
+    help=f"Check every checksum and decode every plane; returns {EXIT_CORRUPT} if the file is "
+    f"damaged, {EXIT_MISMATCH} if it contradicts itself.",
+)
+@overwrite_option
+@version_option
+def command(source: str, json_path: str | None, gops: bool, verify: bool, overwrite: bool) -> int:
+    """Show what is in a .gsvr file.
+
+    \b
+    gsvrinfo out.gsvr
+    gsvrinfo --verify out.gsvr
+    gsvrinfo out.gsvr --json | jq .bpp
+    """
+    from gsvrcodec.report.inspect import inspect
+
+    overwrite = may_overwrite(json_path, overwrite)
+    with about(source):
+        info = inspect(source)
+    if json_path != "-":
+        click.echo("\n".join(_lines(info)))
+        if gops:
+            click.echo("\n".join(_gop_lines(info)))
+    if json_path is not None:
+        text = json.dumps(info.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        write_text(json_path, text, overwrite=overwrite)
+    return _verified(source, info) if verify else _warned(info)
+
+
+def _warned(info: FileInfo) -> int:
+    """Print what is wrong with a file that can be read."""
+    for warning in info.warnings:
+        click.echo(f"gsvrinfo: warning: {warning}", err=True)
+    return 0
+
+
+def _verified(source: str, info: FileInfo) -> int:
+    """Check the whole file, print every fault and return the exit code."""
+    from gsvrcodec.report.inspect import verify
+
+    faults = 0
+    with about(source):
+        for fault in verify(source):
+            click.echo(f"gsvrinfo: error: {source}: {fault}", err=True)
+            faults += 1
+    if faults:
+        return EXIT_CORRUPT
+    if info.warnings:
+        _warned(info)
+        return EXIT_MISMATCH
+    frames, gops = info.metadata.frames, info.metadata.gops
+    click.echo(f"verified: {frames} frames in {gops} GOPs are sound", err=True)
+    return 0
+
+
+def _lines(info: FileInfo) -> Iterator[str]:
+    """Yield the facts, one a line, at most 80 columns wide."""
+    meta, colour = info.metadata, info.metadata.colour
+    matrix = _MATRICES.get(colour.matrix, f"matrix {colour.matrix}")
+    levels = "full" if colour.full_range else "limited"
+    picture = f"{meta.width}x{meta.height}, {meta.bit_depth} bit, {matrix} {levels} range"
+    if meta.sample_aspect != 1:
+        picture += f", pixels {meta.sample_aspect.numerator}:{meta.sample_aspect.denominator}"
+    if meta.rotation:
+        picture += f", shown turned by {meta.rotation} degrees"
+    size = f"{meta.size_bytes:,} bytes, {meta.bpp:.4f} bpp"
+    if meta.streams_bytes:
+        size += f" without {meta.streams_bytes:,} bytes of copied streams"
+    rows = {
+        "file": info.path,
+        "version": meta.version,
+        "picture": picture,
+        "frames": f"{meta.frames:,} at {float(meta.average_rate):.5g} a second",
+        "time": f"{float(meta.duration_seconds):.6g} s from {float(meta.begin_seconds):.6g} s, "
+        f"ticks of {meta.time_base} s",
+        "GOPs": f"{meta.gops:,}",
+        "Gaussians": f"{meta.gaussians:,}",
+        "parameters": f"{info.parameters:,}",
+        "size": size,
+    }
+    settings = [f"{key} {value}" for key, value in meta.settings.items() if value is not None]
+    if settings:
+        rows["settings"] = ", ".join(settings)
+    for label, text in rows.items():
+        yield from _wrapped(f"{label:<11}", text)
+
+
+def _wrapped(label: str, text: str) -> Iterator[str]:
+    """Yield a row of a label and its text, continued below the text."""
+    from textwrap import wrap
+
+    printable = "".join(letter if letter.isprintable() else "?" for letter in text)
+    lines = wrap(printable, 80 - len(label), break_long_words=False, break_on_hyphens=False)
+    for number, line in enumerate(lines or [""]):
+        yield (label if number == 0 else " " * len(label)) + line
+
+
+def _gop_lines(info: FileInfo) -> Iterator[str]:
+    """Yield a table of the GOPs."""
+    base = info.metadata.time_base
+    yield ""
+    yield "first frame  frames     start s   Gaussians          grid       bytes"
+    for gop in info.gops:
+        grid = "x".join(map(str, gop.grid)) if any(gop.grid) else "-"
+        yield (
+            f"{gop.first_frame:>11}{gop.frames:>8}{float(gop.start_pts * base):>12.4f}"
+            f"{gop.gaussians:>12,}{grid:>14}{gop.bytes:>12,}"
+        )

@@ -1,0 +1,104 @@
+"""How far a command has come: a bar on a terminal, plain lines elsewhere; always on stderr."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import click
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+    from gsvrcodec.encode import Progress
+
+#: Between two plain lines of a quick command, seconds.
+_LINE_INTERVAL = 10.0
+
+
+class _Display:
+    """A bar with a text beside it if stderr is a terminal."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        """Show nothing if `quiet`."""
+        self._quiet = quiet
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        """Start the bar."""
+        if not self._quiet and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn
+
+            self._bar = Progress(
+                BarColumn(bar_width=24), TextColumn("{task.description}"), console=Console(stderr=True)
+            )
+            self._task = self._bar.add_task("", total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the bar as it stands."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def _show(self, done: int, total: int, text: str) -> bool:
+        """Move the bar; return whether a plain line is wanted instead."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=done, total=total, description=text)
+        return self._bar is None and not self._quiet
+
+
+class EncodeDisplay(_Display):
+    """GOP i/n, PSNR, seconds a frame and the time left, after every GOP."""
+
+    def __call__(self, state: Progress) -> None:
+        """Show the state of an encode."""
+        parts = [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
+        if state.psnr is not None:
+            parts.append(f"{state.psnr:.2f} dB")
+        if state.seconds_per_frame is not None:
+            parts.append(f"{state.seconds_per_frame:.2f} s/frame")
+        if state.eta_seconds is not None:
+            parts.append(f"ETA {clock(state.eta_seconds)}")
+        text = "  ".join(parts)
+        if self._show(state.frames_done, state.frames, text):
+            click.echo(text, err=True)
+
+
+class FrameDisplay(_Display):
+    """Frames done, of all, and how many a second."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        """Show nothing if `quiet`."""
+        super().__init__(quiet=quiet)
+        self._began = self._shown = time.perf_counter()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show that `done` of `total` frames are done."""
+        now = time.perf_counter()
+        text = f"{done}/{total} frames  {done / max(now - self._began, 1e-9):.1f} frames/s"
+        if self._show(done, total, text) and now - self._shown >= _LINE_INTERVAL:
+            self._shown = now
+            click.echo(text, err=True)
+
+    def summary(self, frames: int) -> None:
+        """Print how long it took."""
+        if not self._quiet:
+            seconds = max(time.perf_counter() - self._began, 1e-9)
+            pace = f"{frames / seconds:.1f} frames/s"
+            click.echo(f"{frames} frames in {seconds:.1f} s  {pace}", err=True)
+
+
+def clock(seconds: float) -> str:
+    """Return a time span as m:ss or h:mm:ss."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

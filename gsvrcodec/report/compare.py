@@ -1,0 +1,157 @@
+"""Rate and distortion of a .gsvr file, measured against the video it was made from."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from statistics import fmean
+from typing import Any
+
+from gsvrcodec.decode import open as open_gsvr
+from gsvrcodec.errors import UsageError
+from gsvrcodec.frames import Metadata
+from gsvrcodec.report.metrics import psnr_of, squared_error
+from gsvrcodec.video.read import Crop, VideoReader, open_video
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameQuality:
+    """One frame against its source."""
+
+    frame: int  #: number in the file, from 0
+    pts: int  #: presentation time, ticks of the file's time base
+    seconds: float  #: presentation time, seconds
+    psnr_rgb: float  #: over the 8-bit RGB samples, dB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What a .gsvr file costs and how close it comes."""
+
+    source: str  #: the video compared with
+    file: str  #: the .gsvr file
+    width: int  #: pixels
+    height: int  #: pixels
+    bytes: int  #: of the whole file
+    bpp: float  #: bits a pixel and frame, copied streams left out
+    psnr_rgb: float  #: mean of the frames' PSNR, dB
+    psnr_rgb_pooled: float  #: PSNR of the mean squared error of all frames, dB
+    psnr_rgb_min: float  #: of the worst frame, dB
+    frames: tuple[FrameQuality, ...]
+
+    def to_json(self) -> str:
+        """Return the report as a JSON object, field by field."""
+        return json.dumps(asdict(self), indent=2, ensure_ascii=False) + "\n"
+
+    def to_csv(self) -> str:
+        """Return one line a frame below a line of column names."""
+        text = io.StringIO()
+        rows = csv.DictWriter(text, FrameQuality.__slots__, lineterminator="\n")
+        rows.writeheader()
+        rows.writerows(asdict(frame) for frame in self.frames)
+        return text.getvalue()
+
+
+def report(
+    src: str | os.PathLike[str],
+    gsvr: str | os.PathLike[str],
+    *,
+    crop: Crop | None = None,
+    start_frame: int | None = None,
+    threads: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Report:
+    """Decode a .gsvr file and compare every frame with the video it was made from.
+
+    Args:
+        src: the video.
+        gsvr: the file made from it.
+        crop: the part of the picture that was coded; None = as the file's settings say.
+        start_frame: the first frame that was coded; None = as the file's settings say.
+        threads: to render with; 0 = all cores.
+        progress: is told how many frames are done, and how many there are.
+
+    Raises:
+        UsageError: the two do not belong together: size or number of frames differ.
+        InputError, NotAVideoError: as `open_video`; CorruptError: as `gsvrcodec.open`.
+    """
+    with open_gsvr(gsvr, threads=threads) as decoder:
+        meta = decoder.metadata
+        video = open_video(
+            src,
+            crop=_recorded_crop(meta) if crop is None else crop,
+            start_frame=_recorded_start(meta) if start_frame is None else start_frame,
+            frames=meta.frames,
+        )
+        _check_size(video, meta)
+        errors: list[float] = []
+        frames: list[FrameQuality] = []
+        for shot, frame in zip(video, decoder, strict=False):
+            if shot.pts * video.info.time_base != frame.pts * meta.time_base and not frames:
+                _log.warning("the first frames have different times: is %s the source?", src)
+            errors.append(squared_error(shot.rgb, frame.data))
+            frames.append(
+                FrameQuality(
+                    frame=frame.index,
+                    pts=frame.pts,
+                    seconds=frame.pts_seconds,
+                    psnr_rgb=psnr_of(errors[-1]),
+                )
+            )
+            if progress is not None:
+                progress(len(frames), meta.frames)
+        if len(frames) < meta.frames:
+            raise UsageError(
+                f"{src} ends after {len(frames)} of the {meta.frames} frames of {gsvr}"
+            )
+        return Report(
+            source=os.fspath(src),
+            file=os.fspath(gsvr),
+            width=meta.width,
+            height=meta.height,
+            bytes=meta.size_bytes,
+            bpp=meta.bpp,
+            psnr_rgb=fmean(frame.psnr_rgb for frame in frames),
+            psnr_rgb_pooled=psnr_of(fmean(errors)),
+            psnr_rgb_min=min(frame.psnr_rgb for frame in frames),
+            frames=tuple(frames),
+        )
+
+
+def _check_size(video: VideoReader, meta: Metadata) -> None:
+    """Refuse pictures of different sizes."""
+    info = video.info
+    if (info.width, info.height) != (meta.width, meta.height):
+        raise UsageError(
+            f"{info.path} gives pictures of {info.width}x{info.height}, the file has "
+            f"{meta.width}x{meta.height}; give the --crop it was made with"
+        )
+
+
+def _recorded_crop(meta: Metadata) -> Crop | None:
+    """Return the crop that the encoder was told, None if it kept the whole picture."""
+    value: Any = meta.settings.get("crop")
+    if not (isinstance(value, list) and len(value) == 4):
+        return None
+    width, height, x, y = value
+    if not (_whole(width) and _whole(height)):
+        return None
+    return width, height, x if _whole(x) else None, y if _whole(y) else None
+
+
+def _recorded_start(meta: Metadata) -> int:
+    """Return the first frame that the encoder was told to take."""
+    value: Any = meta.settings.get("start_frame")
+    return value if _whole(value) else 0
+
+
+def _whole(value: Any) -> bool:
+    """Return whether a value from a file is a whole number of at least 0."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0

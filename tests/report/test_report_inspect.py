@@ -1,0 +1,75 @@
+"""What a file says of itself, and that every damage is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.errors import CorruptError, NotGsvrError
+from gsvrcodec.report.inspect import inspect, verify
+from tests import making
+
+
+class TestInspect:
+    def test_numbers(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 3})
+        info = inspect(path)
+        stored = making.random_gop(np.random.default_rng(7)).parameters
+        assert [gop.frames for gop in info.gops] == [5, 3, 4]
+        assert [gop.first_frame for gop in info.gops] == [0, 5, 8]
+        assert [gop.parameters for gop in info.gops] == [stored] * 3
+        assert info.parameters == 3 * stored
+        assert not info.recovered
+        data = info.to_dict()
+        assert data["gops"] == 3
+        assert data["gaussians"] == 180
+        assert data["parameters"] == 3 * stored
+        assert data["bytes"] == path.stat().st_size
+        assert data["bpp"] == 8 * data["bytes"] / (12 * 48 * 32)
+        assert (data["width"], data["height"], data["frames"]) == (48, 32, 12)
+        assert data["settings"] == {"seed": 3}
+
+    def test_without_a_tri_plane(self, tmp_path: Path) -> None:
+        info = inspect(making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0)))
+        assert {gop.parameters for gop in info.gops} == {13 * 60}
+
+    def test_unfinished_file(self, tmp_path: Path) -> None:
+        info = inspect(making.gsvr_file(tmp_path / "a.gsvr", close=False))
+        assert info.recovered
+        assert info.warnings
+        assert info.metadata.frames == 12
+
+    def test_video_fails(self) -> None:
+        with pytest.raises(NotGsvrError):
+            inspect(making.NOISE)
+
+
+class TestVerify:
+    def test_sound(self, tmp_path: Path) -> None:
+        assert list(verify(making.gsvr_file(tmp_path / "a.gsvr", settings={}))) == []
+
+    def test_every_chunk_is_checked(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 1})
+        sound = path.read_bytes()
+        with GsvrReader(path) as reader:
+            chunks = [chunk for chunk in reader.chunks if chunk.type in (b"GOPD", b"sett")]
+        assert len(chunks) == 4
+        for chunk in chunks:
+            data = bytearray(sound)
+            data[chunk.payload_offset + chunk.size // 2] ^= 16
+            path.write_bytes(data)
+            (fault,) = verify(path)
+            assert f"chunk {chunk.name} at byte {chunk.offset}" in fault
+
+    def test_unfinished_file(self, tmp_path: Path) -> None:
+        faults = list(verify(making.gsvr_file(tmp_path / "a.gsvr", close=False)))
+        assert "no valid index" in faults[0]
+
+    def test_nothing_left_fails(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr")
+        path.write_bytes(path.read_bytes()[:200])
+        with pytest.raises(CorruptError):
+            list(verify(path))
