@@ -52,10 +52,12 @@ class CorruptError(GsvrError, ValueError):
         super().__init__(f"{place}: {message}" if place else message)
 
     def located(self, chunk: str, offset: int) -> CorruptError:
-        """The same error with the place it was found at, where it did not say so itself."""
-        if self.chunk is not None or self.offset is not None:
-            return self
-        return type(self)(self.message, chunk=chunk, offset=offset)
+        """The same error with what it did not say itself about its place."""
+        return type(self)(
+            self.message,
+            chunk=chunk if self.chunk is None else self.chunk,
+            offset=offset if self.offset is None else self.offset,
+        )
 
 
 class NotGsvrError(CorruptError):

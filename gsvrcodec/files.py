@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -69,7 +70,7 @@ def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
             yield path
         return
     target = path.resolve()  # a link keeps pointing at what it pointed at
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     with _named(path):
         try:
             with partial.open("xb"):

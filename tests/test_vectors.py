@@ -9,6 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from gsvrcodec.container.chunk import OVERHEAD_BYTES
+from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.container.header import HEADER_BYTES
+from gsvrcodec.container.index import END_BYTES, ENTRY_BYTES
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
@@ -75,6 +79,20 @@ class TestSpec:
         assert content.gop.colour.tolist() == [[0.5, 0.5, 0.5]]
         assert content.pts.tolist() == [0]
 
+    def test_byte_tables_have_no_holes(self) -> None:
+        sizes = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "i64": 8, "f32": 4}
+        sizes |= {"[4]": 4, "[40]": 40, "[length]": 0}
+        ends = []
+        tables = re.findall(r"^\| offset.*\n\|[-|]+\n((?:\|.*\n)+)", SPEC.read_text(), re.M)
+        for table in tables:
+            end = 0
+            for offset, kind in re.findall(r"^\| (\d+)(?: \+ length)? \| (\S+) \|", table, re.M):
+                assert int(offset) == end
+                end += sizes[kind]
+            ends.append(end)
+        # Chunk, header, GOP head, plane entry, index entry, end chunk.
+        assert ends == [OVERHEAD_BYTES, HEADER_BYTES, GOP_HEAD_BYTES, 20, ENTRY_BYTES, END_BYTES]
+
     def test_names_every_limit_with_its_default(self) -> None:
         table = re.findall(r"\| ([^|]+?) \| (GSVR_LIMIT_\w+) \|$", SPEC.read_text(), re.M)
 
@@ -88,3 +106,14 @@ class TestSpec:
             ENVIRONMENT_PREFIX + field.upper(): getattr(defaults, field)
             for field in Limits.__slots__
         }
+
+
+def test_every_attack_of_the_spec_has_its_test() -> None:
+    tests = Path(__file__).parent
+    named = re.findall(
+        r"\| ([\w/]+\.py)::(\w+)::(\w+) \|$", (SPEC.parent / "attacks.md").read_text(), re.M
+    )
+    assert len(named) > 30
+    for file, group, name in named:
+        body = (tests / file).read_text().split(f"class {group}:", 1)[1].split("\nclass ", 1)[0]
+        assert f"def {name}(" in body

@@ -168,13 +168,12 @@ class GsvrReader:
             )
         self._limits.check("chunk_bytes", chunk.size, f"the size of chunk {chunk.name}")
         data = self._source.read(chunk.offset, OVERHEAD_BYTES + chunk.size)
-        if parse_chunk_head(data[:HEAD_BYTES], chunk.offset) != chunk:
-            raise CorruptError(
-                "the chunk is not the one that the index names",
-                chunk=chunk.name,
-                offset=chunk.offset,
-            )
-        return check_payload(chunk, data[HEAD_BYTES:])
+        try:
+            if parse_chunk_head(data[:HEAD_BYTES], chunk.offset) != chunk:
+                raise CorruptError("the chunk is not the one that the index names")
+            return check_payload(chunk, data[HEAD_BYTES:])
+        except CorruptError as error:
+            raise error.located(chunk.name, chunk.offset) from None
 
     def auxiliary(self, kind: bytes) -> bytes | None:
         """The payload of the first chunk of this type, None if there is none.

@@ -21,6 +21,7 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 _WINDOW_BYTES = 1 << 20
+_MAX_WARNINGS = 20
 
 
 @dataclass(slots=True)
@@ -30,6 +31,13 @@ class Walk:
     chunks: list[ChunkEntry] = field(default_factory=list)  #: whole chunks, in file order
     gops: list[GopEntry] = field(default_factory=list)  #: GOPs among them that fit together
     warnings: list[str] = field(default_factory=list)  #: what was damaged or left out
+
+    def warn(self, text: str) -> None:
+        """Note what is wrong; a file may be wrong so often that nobody reads it all."""
+        if len(self.warnings) < _MAX_WARNINGS:
+            self.warnings.append(text)
+        elif len(self.warnings) == _MAX_WARNINGS:
+            self.warnings.append("more of the same")
 
 
 def walk(source: Source, start: int, limits: Limits) -> Walk:
@@ -51,10 +59,10 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
         try:
             chunk = _chunk_at(source, offset)
         except CorruptError as error:
-            found.warnings.append(str(error))
+            found.warn(str(error))
             resumed, tries = _next_gop(source, offset + 1, limits, tries)
             if resumed is not None:
-                found.warnings.append(f"skipped {resumed - offset} damaged bytes at byte {offset}")
+                found.warn(f"skipped {resumed - offset} damaged bytes at byte {offset}")
             offset = source.size if resumed is None else resumed
             continue
         _check_type(chunk)
@@ -64,10 +72,10 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
         offset = chunk.end
         if chunk.type == END_TYPE:
             if offset != source.size:
-                found.warnings.append(f"{source.size - offset} bytes after the end of the file")
+                found.warn(f"{source.size - offset} bytes after the end of the file")
             break
     else:
-        found.warnings.append("the file has no end: its writing was not finished, or it is cut")
+        found.warn("the file has no end: its writing was not finished, or it is cut")
     return found
 
 
@@ -104,11 +112,11 @@ def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
         if previous and gop.start_pts <= previous.last_pts:
             raise CorruptError(f"timestamp {gop.start_pts} does not come after {previous.last_pts}")
     except CorruptError as error:
-        found.warnings.append(f"GOP left out: {error.located(chunk.name, chunk.offset)}")
+        found.warn(f"GOP left out: {error.located(chunk.name, chunk.offset)}")
         return
     expected = previous.end_frame if previous else 0
     if gop.first_frame > expected:
-        found.warnings.append(f"frames {expected} to {gop.first_frame - 1} are lost")
+        found.warn(f"frames {expected} to {gop.first_frame - 1} are lost")
     found.gops.append(gop)
 
 

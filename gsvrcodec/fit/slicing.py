@@ -106,9 +106,11 @@ def _adaptive_lengths(
         done = total[start - 1] if start else 0.0
         goal = done + (total[-1] - done) / left
         length = int(np.searchsorted(total, goal)) + 1 - start
-        most = frames - start - (left - 1) * minimum
-        lengths.append(min(max(length, minimum), most, maximum))
-    # The minimum may have pushed frames to the end.
+        # The GOPs after this one need their minimum, and can take no more than their maximum.
+        most = min(frames - start - (left - 1) * minimum, maximum)
+        least = max(frames - start - (left - 1) * maximum, minimum)
+        lengths.append(min(max(length, least), most))
+    # No number of GOPs may keep both bounds; then the maximum is kept.
     rest = frames - sum(lengths)
     while rest > maximum:
         lengths.append(maximum)

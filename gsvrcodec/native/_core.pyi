@@ -3,7 +3,9 @@ from typing import Any
 # Arrays are C-contiguous float32 (images: uint8 or float32) on the CPU: NumPy or torch.
 Array = Any
 
-def isa() -> str: ...
+def isa() -> str: ...  # the instruction set in use
+def isas() -> list[str]: ...  # those that this machine has, best first
+def use_isa(name: str) -> None: ...
 def resolve_threads(requested: int) -> int: ...
 
 class Parameters:
@@ -55,3 +57,20 @@ def squared_error(
     gradient: Parameters,
     threads: int,
 ) -> float: ...
+def adam_step(
+    param: Array,
+    grad: Array,
+    m: Array,
+    v: Array,
+    lr: Array,
+    beta1: float,
+    beta2: float,
+    eps: float,
+    step: int,
+    threads: int = 0,
+) -> None:
+    """One step of Adam in place; `lr` has one entry, or one for each column of the last axis."""
+
+# For tests/benchmarks alone.
+def bench_plain(parameters: Parameters, out: Array, threads: int) -> None: ...
+def bench_peak(threads: int) -> float: ...

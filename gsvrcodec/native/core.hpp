@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 #include "kernels.hpp"
 
@@ -11,10 +10,6 @@ namespace gsvr {
 struct Size {
     int width, height;
 };
-
-// The kernels in use: the best this machine has, or what GSVR_ISA names. Throws
-// std::runtime_error when GSVR_ISA names a set that is unknown or not to be had here.
-const Kernels &kernels();
 
 // Renders `frames` times of a GOP; `out` is (frames, height, width, 3).
 void render_rgb8(const Model &, const float *taus, int frames, Size size, Size coded, int threads,
@@ -30,5 +25,19 @@ void backward_float(const Model &, float tau, Size size, Size coded, int threads
 // the clamp passed through.
 double squared_error(const Model &, float tau, Size size, Size coded, int threads,
                      const std::uint8_t *target, const Model &gradient);
+
+// The state of Adam over n numbers; `rate` has `period` entries and repeats.
+struct Adam {
+    float *value;
+    const float *gradient;
+    float *mean, *square;
+    std::int64_t n;
+    const float *rate;
+    int period;
+    double beta1, beta2, epsilon;
+    std::int64_t step;  // from 1
+};
+
+void adam_step(const Adam &, int threads);
 
 }  // namespace gsvr

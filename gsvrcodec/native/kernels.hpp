@@ -1,4 +1,4 @@
-// The shapes that core.cpp and the kernels share, and the table of kernels of one instruction set.
+// The shapes that the scene and the kernels share, and the table of kernels of one instruction set.
 // Equations: spec/gsvr.md, section "Reconstruction".
 #pragma once
 
@@ -11,9 +11,9 @@ constexpr float kCutoff = 1.0f / 255.0f;
 constexpr float kSupport = 5.541263545158426f;  // ln 255: a Gaussian ends at this exponent
 constexpr float kMinScale = 0.1f;   // px of the coded frame
 constexpr float kDilation = 0.1f;   // px^2 of the coded frame, added to each covariance
-constexpr int kBandRows = 32;       // rows that one band of the accumulator holds
-constexpr int kStripWidth = 16;     // columns of a strip
+constexpr int kStripWidth = 8;      // columns of a strip
 constexpr int kRowFloats = 3 * kStripWidth;
+constexpr int kBlock = 16;          // Gaussians whose splats lie together
 
 // Parameters of one GOP, or the gradients with respect to them: the arrays of model/gop.py.
 struct Model {
@@ -30,48 +30,64 @@ struct Frame {
     const float *yt_line;        // (gy, 8)
 };
 
-// A deformed Gaussian on the frame: one cache line.
-struct alignas(64) Splat {
-    float cx, cy;          // centre, px
-    float a, b, c;         // inverse covariance: exponent = (a dx^2 + 2 b dx dy + c dy^2) / 2
-    float k;               // exp(-c)
-    float half_width;      // of the ellipse where the exponent is kSupport, px
-    float slope;           // of its conjugate diameter, -b / c
-    float top;             // dx of its lowest point (largest y), px
-    float bend;            // (half_height of a column)^2 = (half_width^2 - dx^2) * bend
-    float colour[3];
-    int row_begin, row_end;  // rows it touches, clipped to the frame; empty when it touches none
+// kBlock deformed Gaussians on the frame. With dx, dy from the centre and u = dy - slope dx, the
+// exponent is across dx^2 + down u^2: a sum of squares, which does not cancel when they are thin.
+struct alignas(64) Splats {
+    float cx[kBlock], cy[kBlock];        // centre, px
+    float slope[kBlock];                 // of the line that halves the ellipse's columns
+    float across[kBlock], down[kBlock];  // px^-2
+    float decay[kBlock];                 // exp(-2 down r^2), r = Kernels::rows
+    float low_x[kBlock];                 // dx of the ellipse's lowest point (largest y), px
+    float colour[3][kBlock];
+    std::int32_t x_begin[kBlock], x_end[kBlock];      // columns it may touch, on the frame; the
+                                                      // first a multiple of Kernels::columns
+    std::int32_t row_begin[kBlock], row_end[kBlock];  // rows; empty when it touches no pixel
+};
+
+// Rows [begin, end) that any of a block's splats touches.
+struct Extent {
+    int begin, end;
 };
 
 // Sums over pixels that the backward rasteriser leaves for one Gaussian.
-struct Moments {
+struct alignas(32) Moments {
     float colour[3];
     float x, y, xx, xy, yy;
 };
 
-// Pixels are held in vertical strips of kStripWidth columns: [strip][row][channel][column], all
-// rows of a strip together, so that a Gaussian's columns lie in few pages and cache lines. A buffer
-// holds `strip_rows` rows in each strip; the columns beyond the frame's width are scratch.
+// Rows [first_row, first_row + rows) of a frame, in vertical strips of kStripWidth columns:
+// [strip][row / r][channel][row % r][column], r = Kernels::rows. All rows of a strip lie together,
+// so that a Gaussian's columns lie in few pages and cache lines. first_row and rows are multiples
+// of r. Rows and columns beyond the frame are scratch.
+struct Pixels {
+    float *data;
+    int first_row, rows;
+};
+
 struct Kernels {
     const char *isa;
     int lanes;
-    // Deforms and projects Gaussians [begin, end).
-    void (*project)(const Model &, const Frame &, int begin, int end, Splat *splats);
-    // Adds the listed splats to rows [row_begin, row_end); pixels[0] is in row_begin.
-    void (*rasterise)(const Splat *splats, const int *list, int count, const Frame &,
-                      int row_begin, int row_end, float *pixels, int strip_rows);
-    // One row to interleaved samples, and back.
-    void (*row_to_rgb8)(const float *row, const Frame &, int strip_rows, std::uint8_t *out);
-    void (*row_to_float)(const float *row, const Frame &, int strip_rows, float *out);
-    void (*row_from_float)(const float *in, const Frame &, int strip_rows, float *row);
-    // Replaces a row by (clamp(value) - target) * scale; returns the sum of squared residuals.
-    double (*row_residual)(float *row, const Frame &, int strip_rows, const std::uint8_t *target,
-                           float scale);
-    // Gradients of Gaussians [begin, end) from the gradient of the whole frame's `pixels`. Plane
-    // gradients are added to `xy` and to the lines; the rest is written to `gradient`.
-    void (*backward)(const Model &, const Frame &, const Splat *splats, const float *pixels,
-                     int begin, int end, const Model &gradient, float *xy, float *xt_line,
-                     float *yt_line);
+    int columns, rows;  // neighbouring pixels of one vector; columns * rows = lanes
+    int band_rows;      // rows that are rasterised at once: bounds the recurrence's rounding
+    // Deforms and projects the Gaussians of blocks [begin, end).
+    void (*project)(const Model &, const Frame &, int begin, int end, Splats *, Extent *);
+    // Adds a model's splats to the rows of one band.
+    void (*rasterise)(const Splats *, const Extent *, int blocks, Extent band, Pixels);
+    // Rows [begin, end) to interleaved samples, and back; the samples' first row is `begin`.
+    void (*to_rgb8)(Pixels, const Frame &, Extent rows, std::uint8_t *out);
+    void (*to_float)(Pixels, const Frame &, Extent rows, float *out);
+    void (*from_float)(const float *in, const Frame &, Extent rows, Pixels);
+    // Replaces rows by (clamp(value) - target) * scale; returns the sum of squared residuals.
+    double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target, float scale);
+    // Gradients of the Gaussians of blocks [begin, end) from the gradient of the whole frame's
+    // pixels. Plane gradients are added to `xy` and to the lines; the rest goes to `gradient`.
+    void (*backward)(const Model &, const Frame &, const Splats *, const Extent *, Pixels, int begin,
+                     int end, const Model &gradient, float *xy, float *xt_line, float *yt_line);
+    // One Adam step over n numbers. `rate` (bias correction included) has `period` entries and
+    // repeats; the second moment is scaled by `correction` before its root.
+    void (*adam)(float *value, const float *gradient, float *mean, float *square, std::int64_t n,
+                 const float *rate, int period, float beta1, float beta2, float correction,
+                 float epsilon);
 };
 
 extern const Kernels kKernels_portable;

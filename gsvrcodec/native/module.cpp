@@ -2,8 +2,11 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 
+#include "bench.hpp"
 #include "core.hpp"
+#include "isa.hpp"
 #include "pool.hpp"
 
 namespace nb = nanobind;
@@ -64,12 +67,10 @@ struct Parameters {
     }
 };
 
-using SizeTuple = std::pair<int, int>;
-
-gsvr::Size checked(int width, int height) {
+gsvr::Size checked(std::int64_t width, std::int64_t height) {
     require(width > 0 && height > 0 && width <= 65536 && height <= 65536,
             "width and height must be in 1..65536");
-    return {width, height};
+    return {static_cast<int>(width), static_cast<int>(height)};
 }
 
 template <class T>
@@ -82,7 +83,8 @@ template <class T>
 void render(const Parameters &parameters, Times taus, Images<T> out, int coded_width,
             int coded_height, int threads) {
     require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
-    const auto size = checked(static_cast<int>(out.shape(2)), static_cast<int>(out.shape(1)));
+    require(out.shape(0) < (1u << 30), "too many frames");
+    const auto size = checked(out.shape(2), out.shape(1));
     const auto coded = checked(coded_width, coded_height);
     const int frames = static_cast<int>(taus.shape(0));
     threads = gsvr::resolve_threads(threads);
@@ -97,7 +99,7 @@ template <class T>
 double backward(const Parameters &parameters, float tau, Image<const T> image, int coded_width,
                 int coded_height, const Parameters &gradient, int threads) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
-    const auto size = checked(static_cast<int>(image.shape(1)), static_cast<int>(image.shape(0)));
+    const auto size = checked(image.shape(1), image.shape(0));
     const auto coded = checked(coded_width, coded_height);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
@@ -109,11 +111,39 @@ double backward(const Parameters &parameters, float tau, Image<const T> image, i
     }
 }
 
+void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
+               double eps, std::int64_t step, int threads) {
+    const std::size_t n = param.size(), period = lr.size();
+    require(grad.size() == n && m.size() == n && v.size() == n, "param, grad, m and v must be of one size");
+    require(period >= 1 && period <= 4096 && n % period == 0, "lr must have one entry, or one a column");
+    require(step >= 1, "step counts from 1");
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::adam_step({param.data(), grad.data(), m.data(), v.data(), static_cast<std::int64_t>(n), lr.data(),
+                     static_cast<int>(period), beta1, beta2, eps, step},
+                    threads);
+}
+
+void bench_plain(const Parameters &parameters, Image<std::uint8_t> out, int threads) {
+    const auto size = checked(out.shape(1), out.shape(0));
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::bench_plain(parameters.model, size, threads, out.data());
+}
+
+double bench_peak(int threads) {
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    return gsvr::bench_peak(threads);
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
     m.doc() = "Native kernels: deformation, rasterisation and their gradients (spec/gsvr.md).";
     m.def("isa", [] { return std::string(gsvr::kernels().isa); });
+    m.def("isas", &gsvr::usable_isas);
+    m.def("use_isa", &gsvr::use_isa, "name"_a);
     m.def("resolve_threads", &gsvr::resolve_threads, "requested"_a);
     nb::class_<Parameters>(m, "Parameters")
         .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats>(),
@@ -127,4 +157,8 @@ NB_MODULE(_core, m) {
           "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
     m.def("squared_error", &backward<std::uint8_t>, "parameters"_a, "tau"_a, "target"_a,
           "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
+    m.def("adam_step", &adam_step, "param"_a, "grad"_a, "m"_a, "v"_a, "lr"_a, "beta1"_a, "beta2"_a,
+          "eps"_a, "step"_a, "threads"_a = 0);
+    m.def("bench_plain", &bench_plain, "parameters"_a, "out"_a, "threads"_a);
+    m.def("bench_peak", &bench_peak, "threads"_a);
 }

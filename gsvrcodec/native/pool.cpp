@@ -22,7 +22,7 @@ constexpr auto kSpin = std::chrono::microseconds(60);
 
 class Pool {
    public:
-    bool try_run(int jobs, int threads, const std::function<void(int, int)> &body) {
+    bool try_run(int count, int threads, Jobs jobs) {
         std::unique_lock<std::mutex> owner(owner_, std::try_to_lock);
         if (!owner.owns_lock()) return false;
         while (static_cast<int>(workers_.size()) < threads - 1) {
@@ -32,10 +32,10 @@ class Pool {
         }
         {
             std::lock_guard<std::mutex> lock(mutex_);
-            body_ = &body;
             jobs_ = jobs;
+            count_ = count;
             next_ = 0;
-            helpers_ = std::min(threads, jobs) - 1;
+            helpers_ = std::min(threads, count) - 1;
             pending_ = static_cast<int>(workers_.size());
             ++generation_;
         }
@@ -48,7 +48,7 @@ class Pool {
 
    private:
     void take_jobs(int worker) {
-        for (int job; (job = next_.fetch_add(1)) < jobs_;) (*body_)(job, worker);
+        for (int job; (job = next_.fetch_add(1)) < count_;) jobs_.run(jobs_.context, job, worker);
     }
 
     void serve(int slot, unsigned seen) {
@@ -71,8 +71,8 @@ class Pool {
     std::mutex mutex_;
     std::condition_variable wake_;
     std::vector<std::thread> workers_;
-    const std::function<void(int, int)> *body_ = nullptr;
-    int jobs_ = 0;
+    Jobs jobs_{};
+    int count_ = 0;
     int helpers_ = 0;
     std::atomic<int> next_{0};
     std::atomic<int> pending_{0};
@@ -104,9 +104,9 @@ int resolve_threads(int requested) {
     return std::clamp(requested, 1, kMaxThreads);
 }
 
-void parallel_for(int jobs, int threads, const std::function<void(int, int)> &body) {
-    if (threads > 1 && jobs > 1 && pool().try_run(jobs, threads, body)) return;
-    for (int job = 0; job < jobs; ++job) body(job, 0);
+void run_jobs(int count, int threads, Jobs jobs) {
+    if (threads > 1 && count > 1 && pool().try_run(count, threads, jobs)) return;
+    for (int job = 0; job < count; ++job) jobs.run(jobs.context, job, 0);
 }
 
 }  // namespace gsvr

@@ -1,16 +1,29 @@
 // A small thread pool: one per process, created on first use, no OpenMP.
 #pragma once
 
-#include <functional>
+#include <type_traits>
 
 namespace gsvr {
 
 // Threads that a call asking for `requested` (0 = GSVR_THREADS, else all cores) may use.
 int resolve_threads(int requested);
 
-// Calls body(job, worker) for every job in [0, jobs), on at most `threads` threads, and waits.
+// A reference to a callable: unlike std::function it never allocates.
+struct Jobs {
+    void *context;
+    void (*run)(void *context, int job, int worker);
+};
+
+void run_jobs(int count, int threads, Jobs jobs);
+
+// Calls body(job, worker) for every job in [0, count), on at most `threads` threads, and waits.
 // `worker` is in [0, threads) and no two running bodies of one call share it. When another call
-// holds the pool, or threads is 1, the jobs run on the calling thread.
-void parallel_for(int jobs, int threads, const std::function<void(int job, int worker)> &body);
+// holds the pool, or threads is 1, the jobs run on the calling thread. Bodies must not throw.
+template <class Body>
+void parallel_for(int count, int threads, Body &&body) {
+    run_jobs(count, threads, {&body, [](void *context, int job, int worker) {
+                                  (*static_cast<std::remove_reference_t<Body> *>(context))(job, worker);
+                              }});
+}
 
 }  // namespace gsvr

@@ -1,147 +1,76 @@
-// Rasterisation of splats and its gradient, a vector of neighbouring pixels of a row at a time.
-// Included by kernels.cpp.
-//
-// Down a column the exponent E is a quadratic in y, so exp(-E) follows a recurrence of two
-// multiplications a row: e(y+1) = e(y) r(y), r(y+1) = r(y) k. It cannot start from an e that
-// underflows (thin tilted Gaussians); such columns take an exponential a row instead.
+// Rasterisation of splats and its gradient. Included by kernels.cpp.
 
-constexpr float kRecurrenceLimit = 60.0f;
+constexpr int kChannelFloats = kRows * kStripWidth;  // from one channel to the next
+constexpr int kStepFloats = kRows * kRowFloats;      // from one vector of a column to the next
 
-// kLanes neighbouring columns of a splat and the rows on which any of them is inside it.
-struct Column {
-    vf dx;
-    int row_begin, row_end;
-    bool recurrence;
-};
-
-static inline float exponent(const Splat &s, float dx, float dy) {
-    return 0.5f * (s.a * dx * dx + s.c * dy * dy) + s.b * dx * dy;
+static inline float *pixel(const Pixels &pixels, int x, int row) {
+    return pixels.data + (x / kStripWidth) * (static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats) +
+           (row - pixels.first_row) * static_cast<std::ptrdiff_t>(kRowFloats) + x % kStripWidth;
 }
 
-static inline Column column(const Splat &s, int x, int row_begin, int row_end) {
-    const float first = static_cast<float>(x) + 0.5f - s.cx;
-    const float last = first + static_cast<float>(kLanes - 1);
-    // The ellipse's lower and upper edge over [first, last] are extreme where its vertical
-    // extremes are, or at the end nearest to them.
-    const float low_at = min(max(s.top, first), last);
-    const float high_at = min(max(-s.top, first), last);
-    const float w2 = s.half_width * s.half_width;
-    const float low = s.slope * low_at + __builtin_sqrtf(max((w2 - low_at * low_at) * s.bend, 0.0f));
-    const float high =
-        s.slope * high_at - __builtin_sqrtf(max((w2 - high_at * high_at) * s.bend, 0.0f));
-    Column c;
-    c.dx = first + iota();
-    // The bounds lie within the splat's rows but for rounding, so the conversions are safe.
-    const float begin = max(s.cy + high - 0.5f, static_cast<float>(row_begin) - 1.0f);
-    const float end = min(s.cy + low - 0.5f, static_cast<float>(row_end));
-    c.row_begin = row_begin;
-    c.row_end = row_begin;
-    if (!(begin <= end)) return c;
-    c.row_begin = max(static_cast<int>(__builtin_ceilf(begin)), row_begin);
-    c.row_end = min(static_cast<int>(__builtin_floorf(end)) + 1, row_end);
-    const float dy0 = static_cast<float>(c.row_begin) + 0.5f - s.cy;
-    const float dy1 = static_cast<float>(c.row_end) - 0.5f - s.cy;
-    const float corner = max(max(exponent(s, first, dy0), exponent(s, last, dy0)),
-                             max(exponent(s, first, dy1), exponent(s, last, dy1)));
-    c.recurrence = corner < kRecurrenceLimit;
-    return c;
-}
-
-// Calls body(e) with e = exp(-E) of each row of the column.
-template <class Body>
-static inline void for_rows(const Splat &s, const Column &c, Body body) {
-    float dy = static_cast<float>(c.row_begin) + 0.5f - s.cy;
-    const vf quadratic = 0.5f * s.a * c.dx * c.dx;
-    const vf linear = s.b * c.dx;
-    if (c.recurrence) {
-        vf e = exp(-(quadratic + dy * (linear + 0.5f * s.c * dy)));
-        vf r = exp(-(linear + s.c * (dy + 0.5f)));
-        for (int row = c.row_begin; row < c.row_end; ++row) {
-            body(e);
-            e *= r;
-            r *= s.k;
-        }
-    } else {
-        for (int row = c.row_begin; row < c.row_end; ++row, dy += 1.0f)
-            body(exp(-min(quadratic + dy * (linear + 0.5f * s.c * dy), splat(80.0f))));
-    }
-}
-
-// Columns begin at multiples of kLanes, so that none crosses a strip.
-static inline int first_column(const Splat &s) {
-    const float begin = max(s.cx - s.half_width - 0.5f, -1.0f);
-    return max(static_cast<int>(__builtin_ceilf(begin)), 0) & ~(kLanes - 1);
-}
-
-static inline int columns_end(const Splat &s, int width) {
-    const float end = min(s.cx + s.half_width - 0.5f, static_cast<float>(width) - 1.0f);
-    return static_cast<int>(__builtin_floorf(end)) + 1;
-}
-
-static inline int strip_offset(int x, int strip_rows) {
-    return x / kStripWidth * strip_rows * kRowFloats + x % kStripWidth;
-}
-
-void rasterise(const Splat *splats, const int *list, int count, const Frame &frame, int row_begin,
-               int row_end, float *pixels, int strip_rows) {
-    for (int n = 0; n < count; ++n) {
-        const Splat &s = splats[list[n]];
-        const vf red = splat(s.colour[0]), green = splat(s.colour[1]), blue = splat(s.colour[2]);
-        const int begin = max(s.row_begin, row_begin), end = min(s.row_end, row_end);
-        const int x_end = columns_end(s, frame.width);
-        for (int x = first_column(s); x < x_end; x += kLanes) {
-            const Column c = column(s, x, begin, end);
-            float *p = pixels + strip_offset(x, strip_rows) + (c.row_begin - row_begin) * kRowFloats;
-            for_rows(s, c, [&](vf e) {
+void rasterise(const Splats *splats, const Extent *extents, int blocks, Extent band, Pixels pixels) {
+    const FlushDenormals flush;
+    for (int block = 0; block < blocks; ++block) {
+        if (extents[block].begin >= band.end || extents[block].end <= band.begin) continue;
+        const Splats &s = splats[block];
+        for_columns(s, band, [&](int l, const Column &c) {
+            const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
+            float *p = pixel(pixels, c.x, c.row);
+            for_steps(s, l, c, [&](vf e) {
                 const vf w = max(e - kCutoff, vf{});
                 store(p, load(p) + red * w);
-                store(p + kStripWidth, load(p + kStripWidth) + green * w);
-                store(p + 2 * kStripWidth, load(p + 2 * kStripWidth) + blue * w);
-                p += kRowFloats;
+                store(p + kChannelFloats, load(p + kChannelFloats) + green * w);
+                store(p + 2 * kChannelFloats, load(p + 2 * kChannelFloats) + blue * w);
+                p += kStepFloats;
             });
-        }
+        });
     }
 }
 
-// Sums of the gradient of the whole frame's `pixels` against one splat. The moments about the rows
-// of a column are prefix sums of prefix sums: additions alone.
-static inline Moments splat_moments(const Splat &s, const Frame &frame, const float *pixels) {
-    const vf red = splat(s.colour[0]), green = splat(s.colour[1]), blue = splat(s.colour[2]);
-    vf sums[8] = {};
-    const int x_end = s.row_begin < s.row_end ? columns_end(s, frame.width) : 0;
-    for (int x = first_column(s); x < x_end; x += kLanes) {
-        const float *strip = pixels + strip_offset(x, frame.height);
-        // Short runs of rows bound the recurrence's rounding.
-        for (int begin = s.row_begin; begin < s.row_end; begin += kBandRows) {
-            const Column c = column(s, x, begin, min(begin + kBandRows, s.row_end));
-            if (c.row_begin >= c.row_end) continue;
-            vf r{}, g{}, b{}, p0{}, p1{}, p2{};
-            const float *p = strip + c.row_begin * kRowFloats;
-            for_rows(s, c, [&](vf e) {
-                const vf w = max(e - kCutoff, vf{});
-                const vf dr = load(p), dg = load(p + kStripWidth), db = load(p + 2 * kStripWidth);
-                r += w * dr;
-                g += w * dg;
-                b += w * db;
-                const vf inside = e > kCutoff ? e : vf{};
-                p2 += p1;
-                p1 += p0;
-                p0 += (red * dr + green * dg + blue * db) * inside;
-                p += kRowFloats;
+// Adds the sums of the gradient `pixels` over one column to a splat's moments. The moments about
+// its rows are prefix sums of prefix sums: additions alone.
+static inline void add_moments(const Splats &s, int l, const Column &c, const Pixels &pixels,
+                               Moments &moments) {
+    const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
+    vf r{}, g{}, b{}, p0{}, p1{}, p2{};
+    const float *p = pixel(pixels, c.x, c.row);
+    for_steps(s, l, c, [&](vf e) {
+        const vf w = max(e - kCutoff, vf{});
+        const vf dr = load(p), dg = load(p + kChannelFloats), db = load(p + 2 * kChannelFloats);
+        r += w * dr;
+        g += w * dg;
+        b += w * db;
+        p2 += p1;
+        p1 += p0;
+        p0 += where(e > kCutoff, e) * (red * dr + green * dg + blue * db);
+        p += kStepFloats;
+    });
+    // With m vectors below a pixel in its column: p1 sums m, p2 sums m (m - 1) / 2.
+    const vf x = c.dx + kPixelX;
+    const vf last = (static_cast<float>(c.row + (c.steps - 1) * kRows) + 0.5f - s.cy[l]) + kPixelY;
+    const vf y = last * p0 - kRows * p1;
+    const vf yy = last * (last * p0 - 2.0f * kRows * p1) + (kRows * kRows) * (2.0f * p2 + p1);
+    const vf parts[8] = {r, g, b, p0 * x, y, p0 * x * x, y * x, yy};
+    store8(moments.colour, load8(moments.colour) + sums(parts));
+}
+
+void backward(const Model &model, const Frame &frame, const Splats *splats, const Extent *extents,
+              Pixels pixels, int begin, int end, const Model &gradient, float *xy, float *xt_line,
+              float *yt_line) {
+    const FlushDenormals flush;
+    for (int block = begin; block < end; ++block) {
+        const Splats &s = splats[block];
+        Moments moments[kBlock] = {};
+        const Extent extent = extents[block];
+        for (int row = extent.begin / kBandRows * kBandRows; row < extent.end; row += kBandRows)
+            for_columns(s, {row, min(row + kBandRows, frame.height)}, [&](int l, const Column &c) {
+                add_moments(s, l, c, pixels, moments[l]);
             });
-            // With m rows below a pixel inside the run: p1 sums m, p2 sums m (m - 1) / 2.
-            const float last = static_cast<float>(c.row_end) - 0.5f - s.cy;
-            const vf y = last * p0 - p1;
-            sums[0] += r;
-            sums[1] += g;
-            sums[2] += b;
-            sums[3] += p0 * c.dx;
-            sums[4] += y;
-            sums[5] += p0 * c.dx * c.dx;
-            sums[6] += y * c.dx;
-            sums[7] += last * (last * p0 - 2.0f * p1) + 2.0f * p2 + p1;
+        for (int l = 0; l < kBlock; l += kLanes) {
+            const int i = block * kBlock + l, count = min(model.n - i, kLanes);
+            if (count <= 0) break;
+            const vi drawn = load(s.row_begin + l) < load(s.row_end + l);
+            deform_backward(model, frame, moments + l, drawn, i, count, gradient, xy, xt_line, yt_line);
         }
     }
-    return {{sum(sums[0]), sum(sums[1]), sum(sums[2])},
-            sum(sums[3]), sum(sums[4]), sum(sums[5]), sum(sums[6]), sum(sums[7])};
 }

@@ -1,61 +1,114 @@
-// Rows of the strips of a band to and from interleaved samples. Included by kernels.cpp.
+// Rows of pixels to and from interleaved samples, eight pixels at a time. Included by kernels.cpp.
 
-static inline float clamped(float v) { return min(max(v, 0.0f), 1.0f); }
+static inline v8 clamped(v8 v) { return min(max(v, 0.0f), 1.0f); }
 
-// Calls body(x, samples, red): `samples` pixels from x on, the first one's red at `red`, its green
-// and blue kStripWidth and 2 * kStripWidth floats on.
-template <class Pixels, class Body>
-static inline void for_strips(Pixels *row, const Frame &frame, int strip_rows, Body body) {
-    for (int x = 0; x < frame.width; x += kStripWidth, row += strip_rows * kRowFloats)
-        body(x, min(kStripWidth, frame.width - x), row);
+// Calls body(row, x, samples, red) for each piece of a strip in the rows: `samples` pixels from x
+// on, their red at `red`, green and blue kChannelFloats and 2 * kChannelFloats on.
+template <class Body>
+static inline void for_pieces(const Pixels &pixels, const Frame &frame, Extent rows, Body body) {
+    const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
+    for (int row = rows.begin; row < rows.end; ++row) {
+        const int within = row - pixels.first_row;
+        float *red = pixels.data + static_cast<std::ptrdiff_t>(within / kRows) * kStepFloats +
+                     within % kRows * kStripWidth;
+        for (int x = 0; x < frame.width; x += kStripWidth, red += strip)
+            body(row - rows.begin, x, min(kStripWidth, frame.width - x), red);
+    }
 }
 
-void row_to_rgb8(const float *row, const Frame &frame, int strip_rows, std::uint8_t *out) {
-    for_strips(row, frame, strip_rows, [&](int x, int samples, const float *red) {
-        std::uint8_t codes[kRowFloats];
-        for (int i = 0; i < kRowFloats; ++i)
-            codes[i] = static_cast<std::uint8_t>(static_cast<int>(clamped(red[i]) * 255.0f + 0.5f));
-        std::uint8_t *p = out + 3 * x;
-        for (int i = 0; i < samples; ++i)
-            for (int c = 0; c < 3; ++c) p[3 * i + c] = codes[c * kStripWidth + i];
+// Eight pixels of 32 bits each (red lowest, the top byte ignored) to 24 bytes, and back.
+#if defined(__SSSE3__)
+static inline void store_rgb(std::uint8_t *out, i8 rgbx) {
+    const __m256i v = (__m256i)rgbx;
+    const __m128i a = _mm256_castsi256_si128(v), b = _mm256_extracti128_si256(v, 1);
+    const __m128i low = _mm_shuffle_epi8(a, _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
+    const __m128i high = _mm_shuffle_epi8(b, _mm_setr_epi8(-1, -1, -1, -1, 0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14));
+    _mm_storeu_si128(reinterpret_cast<__m128i *>(out), low);
+    _mm_storeu_si128(reinterpret_cast<__m128i *>(out + 8), _mm_or_si128(high, _mm_srli_si128(low, 8)));
+}
+
+static inline i8 load_rgb(const std::uint8_t *in) {
+    const __m128i a = _mm_loadu_si128(reinterpret_cast<const __m128i *>(in));
+    const __m128i b = _mm_loadu_si128(reinterpret_cast<const __m128i *>(in + 8));
+    return (i8)_mm256_set_m128i(
+        _mm_shuffle_epi8(b, _mm_setr_epi8(4, 5, 6, -1, 7, 8, 9, -1, 10, 11, 12, -1, 13, 14, 15, -1)),
+        _mm_shuffle_epi8(a, _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1)));
+}
+#else
+static inline void store_rgb(std::uint8_t *out, i8 rgbx) {
+    for (int i = 0; i < 8; ++i)
+        for (int c = 0; c < 3; ++c) out[3 * i + c] = static_cast<std::uint8_t>(rgbx[i] >> (8 * c));
+}
+
+static inline i8 load_rgb(const std::uint8_t *in) {
+    i8 v;
+    for (int i = 0; i < 8; ++i) v[i] = in[3 * i] | in[3 * i + 1] << 8 | in[3 * i + 2] << 16;
+    return v;
+}
+#endif
+
+static inline i8 code(v8 value) {
+    return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
+}
+
+void to_rgb8(Pixels pixels, const Frame &frame, Extent rows, std::uint8_t *out) {
+    for_pieces(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+        const i8 rgbx = code(load8(red)) | code(load8(red + kChannelFloats)) << 8 |
+                        code(load8(red + 2 * kChannelFloats)) << 16;
+        std::uint8_t *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        if (samples == kStripWidth) return store_rgb(p, rgbx);
+        std::uint8_t bytes[3 * kStripWidth];
+        store_rgb(bytes, rgbx);
+        for (int i = 0; i < 3 * samples; ++i) p[i] = bytes[i];
     });
 }
 
-void row_to_float(const float *row, const Frame &frame, int strip_rows, float *out) {
-    for_strips(row, frame, strip_rows, [&](int x, int samples, const float *red) {
+void to_float(Pixels pixels, const Frame &frame, Extent rows, float *out) {
+    for_pieces(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+        float *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
         for (int i = 0; i < samples; ++i)
-            for (int c = 0; c < 3; ++c) out[3 * (x + i) + c] = red[c * kStripWidth + i];
+            for (int c = 0; c < 3; ++c) p[3 * i + c] = red[c * kChannelFloats + i];
     });
 }
 
-void row_from_float(const float *in, const Frame &frame, int strip_rows, float *row) {
-    for_strips(row, frame, strip_rows, [&](int x, int samples, float *red) {
-        for (int i = 0; i < kRowFloats; ++i) red[i] = 0.0f;
-        for (int i = 0; i < samples; ++i)
-            for (int c = 0; c < 3; ++c) red[c * kStripWidth + i] = in[3 * (x + i) + c];
+void from_float(const float *in, const Frame &frame, Extent rows, Pixels pixels) {
+    const int padded = (rows.end + kRows - 1) / kRows * kRows;
+    for_pieces(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+        const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        if (row >= rows.end - rows.begin) samples = 0;
+        for (int i = 0; i < kStripWidth; ++i)
+            for (int c = 0; c < 3; ++c) red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
     });
 }
 
-double row_residual(float *row, const Frame &frame, int strip_rows, const std::uint8_t *target,
-                    float scale) {
+double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8_t *target, float scale) {
     double total = 0.0;
-    for_strips(row, frame, strip_rows, [&](int x, int samples, float *red) {
-        // Columns beyond the frame get no residual: their target is what is there.
-        float wanted[kRowFloats];
-        for (int i = 0; i < kRowFloats; ++i) wanted[i] = clamped(red[i]);
-        const std::uint8_t *p = target + 3 * x;
-        for (int i = 0; i < samples; ++i)
-            for (int c = 0; c < 3; ++c)
-                wanted[c * kStripWidth + i] = static_cast<float>(p[3 * i + c]) * (1.0f / 255.0f);
-        float squares[kStripWidth] = {};
-        for (int i = 0; i < kRowFloats; ++i) {
-            const float residual = clamped(red[i]) - wanted[i];
-            red[i] = residual * scale;
-            squares[i % kStripWidth] += residual * residual;
+    const int padded = (rows.end + kRows - 1) / kRows * kRows;
+    v8 squares{};
+    for_pieces(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+        const std::uint8_t *p = target + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        if (row >= rows.end - rows.begin) samples = 0;
+        i8 wanted{}, inside{};
+        if (samples == kStripWidth) {
+            wanted = load_rgb(p);
+            inside = ~inside;
+        } else {
+            // What is beyond the frame has no residual.
+            std::uint8_t bytes[3 * kStripWidth] = {};
+            for (int i = 0; i < 3 * samples; ++i) bytes[i] = p[i];
+            for (int i = 0; i < samples; ++i) inside[i] = -1;
+            wanted = load_rgb(bytes);
         }
-        float sum = 0.0f;
-        for (float s : squares) sum += s;
-        total += static_cast<double>(sum);
+        for (int c = 0; c < 3; ++c, red += kChannelFloats) {
+            const v8 sample = __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
+            const v8 difference = (v8)((i8)(clamped(load8(red)) - sample) & inside);
+            store8(red, difference * scale);
+            squares += difference * difference;
+        }
+        if (x + kStripWidth >= frame.width) {
+            total += static_cast<double>(sum8(squares));
+            squares = v8{};
+        }
     });
     return total;
 }

@@ -1,41 +1,97 @@
 // GSVR_LANES floats at a time, by the compiler's vector extensions: one source for every
-// instruction set. Included by kernels.cpp alone, inside a namespace of the instruction set, so
-// that no inline function of one set can be linked into another.
+// instruction set; intrinsics only where the extensions compile badly. Included by kernels.cpp
+// alone, inside a namespace of the instruction set, so that no inline function of one set can be
+// linked into another.
 
 typedef float vf __attribute__((vector_size(GSVR_LANES * 4)));
 typedef int vi __attribute__((vector_size(GSVR_LANES * 4)));
 typedef float vf_unaligned __attribute__((vector_size(GSVR_LANES * 4), aligned(4), may_alias));
+typedef int vi_unaligned __attribute__((vector_size(GSVR_LANES * 4), aligned(4), may_alias));
 typedef float v8 __attribute__((vector_size(32)));
+typedef int i8 __attribute__((vector_size(32)));
 typedef float v8_unaligned __attribute__((vector_size(32), aligned(4), may_alias));
 constexpr int kLanes = GSVR_LANES;
 
 static inline vf load(const float *p) { return *reinterpret_cast<const vf_unaligned *>(p); }
+static inline vi load(const int *p) { return *reinterpret_cast<const vi_unaligned *>(p); }
 static inline void store(float *p, vf v) { *reinterpret_cast<vf_unaligned *>(p) = v; }
+static inline void store(int *p, vi v) { *reinterpret_cast<vi_unaligned *>(p) = v; }
 static inline v8 load8(const float *p) { return *reinterpret_cast<const v8_unaligned *>(p); }
 static inline void store8(float *p, v8 v) { *reinterpret_cast<v8_unaligned *>(p) = v; }
 static inline vf splat(float x) { return x - vf{}; }
-static inline vf max(vf a, vf b) { return a > b ? a : b; }
-static inline vf min(vf a, vf b) { return a < b ? a : b; }
+static inline vi splat(int x) { return x - vi{}; }
 static inline float max(float a, float b) { return a > b ? a : b; }
 static inline float min(float a, float b) { return a < b ? a : b; }
 static inline int max(int a, int b) { return a > b ? a : b; }
 static inline int min(int a, int b) { return a < b ? a : b; }
+static inline vi max(vi a, vi b) { return a > b ? a : b; }
+static inline vi min(vi a, vi b) { return a < b ? a : b; }
+static inline v8 max(v8 a, float b) { return a > b ? a : b - v8{}; }
+static inline v8 min(v8 a, float b) { return a < b ? a : b - v8{}; }
 
-static inline vf iota() {
-    vf v;
-    for (int i = 0; i < kLanes; ++i) v[i] = static_cast<float>(i);
-    return v;
+// max and min: b where a is NaN. bits: the sign of each lane of a mask.
+#if defined(__AVX512F__)
+static inline vf max(vf a, vf b) { return (vf)_mm512_max_ps((__m512)a, (__m512)b); }
+static inline vf min(vf a, vf b) { return (vf)_mm512_min_ps((__m512)a, (__m512)b); }
+static inline vf sqrt(vf a) { return (vf)_mm512_sqrt_ps((__m512)a); }
+static inline unsigned bits(vi mask) { return _mm512_movepi32_mask((__m512i)mask); }
+#elif defined(__AVX2__)
+static inline vf max(vf a, vf b) { return (vf)_mm256_max_ps((__m256)a, (__m256)b); }
+static inline vf min(vf a, vf b) { return (vf)_mm256_min_ps((__m256)a, (__m256)b); }
+static inline vf sqrt(vf a) { return (vf)_mm256_sqrt_ps((__m256)a); }
+static inline unsigned bits(vi mask) {
+    return static_cast<unsigned>(_mm256_movemask_ps((__m256)mask));
 }
+#elif defined(__SSE2__)
+static inline vf max(vf a, vf b) { return (vf)_mm_max_ps((__m128)a, (__m128)b); }
+static inline vf min(vf a, vf b) { return (vf)_mm_min_ps((__m128)a, (__m128)b); }
+static inline vf sqrt(vf a) { return (vf)_mm_sqrt_ps((__m128)a); }
+static inline unsigned bits(vi mask) { return static_cast<unsigned>(_mm_movemask_ps((__m128)mask)); }
+#else
+static inline vf max(vf a, vf b) { return a > b ? a : b; }
+static inline vf min(vf a, vf b) { return a < b ? a : b; }
+static inline vf sqrt(vf a) {
+    vf r;
+    for (int i = 0; i < kLanes; ++i) r[i] = __builtin_sqrtf(a[i]);
+    return r;
+}
+static inline unsigned bits(vi mask) {
+    unsigned r = 0;
+    for (int i = 0; i < kLanes; ++i) r |= (mask[i] < 0 ? 1u : 0u) << i;
+    return r;
+}
+#endif
 
-static inline float sum(vf v) {
-    float s = 0.0f;
-    for (int i = 0; i < kLanes; ++i) s += v[i];
-    return s;
-}
+static inline vf to_float(vi v) { return __builtin_convertvector(v, vf); }
+static inline vi truncate(vf v) { return __builtin_convertvector(v, vi); }
+static inline vf absolute(vf v) { return (vf)((vi)v & 0x7fffffff); }
+static inline vi is_finite(vf v) { return v - v == 0.0f; }
+static inline vf where(vi mask, vf v) { return (vf)((vi)v & mask); }
 
-static inline float sum8(v8 v) {
-    return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7]));
-}
+// Denormal numbers count as zero in the scope of one of these: they would be slow, and are noise.
+class FlushDenormals {
+#if defined(__SSE2__)
+   public:
+    FlushDenormals() : saved_(_mm_getcsr()) { _mm_setcsr(saved_ | 0x8040); }
+    ~FlushDenormals() { _mm_setcsr(saved_); }
+
+   private:
+    unsigned saved_;
+#elif defined(__aarch64__)
+   public:
+    FlushDenormals() {
+        __asm__ volatile("mrs %0, fpcr" : "=r"(saved_));
+        __asm__ volatile("msr fpcr, %0" : : "r"(saved_ | (1ul << 24)));
+    }
+    ~FlushDenormals() { __asm__ volatile("msr fpcr, %0" : : "r"(saved_)); }
+
+   private:
+    unsigned long saved_;
+#else
+   public:
+    ~FlushDenormals() {}
+#endif
+};
 
 // exp(x) for x in [-87, 88]; relative error below 2e-7.
 static inline vf exp(vf x) {
@@ -49,12 +105,6 @@ static inline vf exp(vf x) {
     p = p * f + 6.931469671e-1f;
     p = p * f + 1.0f;
     return (vf)((vi)p + ((vi)rounded << 23));
-}
-
-static inline vf sqrt(vf x) {
-    vf r;
-    for (int i = 0; i < kLanes; ++i) r[i] = __builtin_sqrtf(x[i]);
-    return r;
 }
 
 // sin and cos of x; absolute error below 1e-6 for |x| up to about 1e4.

@@ -1,4 +1,4 @@
-"""Checks the head of a JPEG XL codestream (ISO/IEC 18181-1) before a library sees it.
+"""Checks head and length of a JPEG XL codestream (ISO/IEC 18181-1) before a library sees it.
 
 A codestream may hold animations, layers, alpha, previews, splines and colour transforms, and say
 any size. A plane needs none of that: one modular frame of grey integers, of the size known before.
@@ -10,9 +10,6 @@ from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes.samples import Shape
 
 _SIGNATURE = b"\xff\x0a"
-#: No head that we allow is longer; only so many bytes are looked at.
-_MAX_HEAD_BYTES = 64
-
 _GREY = 1
 _CUSTOM_WHITE_POINT = 2
 #: The only frame flag allowed; it has no meaning for a modular frame, yet encoders set it.
@@ -23,6 +20,7 @@ _SIZE = ((9, 1), (13, 1), (18, 1), (30, 1))
 _DEPTH = ((0, 8), (0, 10), (0, 12), (6, 1))
 _EXTRA_CHANNELS = ((0, 0), (0, 1), (4, 2), (12, 1))
 _ENUM = ((0, 0), (0, 1), (4, 2), (6, 18))
+_SECTION = ((10, 0), (14, 1024), (22, 17408), (30, 4211712))
 _RATIOS = ((1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))
 
 
@@ -30,18 +28,17 @@ class _Bits:
     """Reads bits, the lowest of each byte first."""
 
     def __init__(self, data: bytes):
-        self._value = int.from_bytes(data, "little")
-        self._left = 8 * len(data)
+        self._data = data
         self._position = 0
 
     def take(self, count: int) -> int:
         """The next `count` bits."""
-        if count > self._left:
-            raise CorruptError("JPEG XL head cut short")
-        value = self._value & ((1 << count) - 1)
-        self._value >>= count
-        self._left -= count
-        self._position += count
+        first, end = self._position // 8, self._position + count
+        if end > 8 * len(self._data):
+            raise CorruptError("JPEG XL codestream cut short in its head")
+        window = int.from_bytes(self._data[first : (end + 7) // 8], "little")
+        value = window >> self._position % 8 & ((1 << count) - 1)
+        self._position = end
         return value
 
     def u32(self, distributions: tuple[tuple[int, int], ...]) -> int:
@@ -61,16 +58,22 @@ class _Bits:
         if self.take(-self._position % 8):
             raise CorruptError("JPEG XL head with non-zero padding")
 
+    @property
+    def offset(self) -> int:
+        """Whole bytes read; the position is at the start of a byte."""
+        return self._position // 8
+
 
 def check_codestream(data: bytes, shape: Shape) -> None:
-    """Refuse a codestream whose head is not that of a grey, lossless plane of this shape.
+    """Refuse a codestream that is not a grey, lossless plane of this shape that ends with `data`.
 
     Raises:
         CorruptError: It is not.
     """
     if not data.startswith(_SIGNATURE):
         raise CorruptError("not a bare JPEG XL codestream")
-    bits = _Bits(data[len(_SIGNATURE) : _MAX_HEAD_BYTES])
+    bits = _Bits(data)
+    bits.take(8 * len(_SIGNATURE))
     width, height = _size(bits)
     if (width, height) != (shape.width, shape.height):
         raise CorruptError(
@@ -78,7 +81,10 @@ def check_codestream(data: bytes, shape: Shape) -> None:
         )
     _check_metadata(bits, 8 * shape.stored_bytes)
     bits.align()
-    _check_frame(bits)
+    group = _check_frame(bits)
+    end = _sections_end(bits, _sections(shape, group))
+    if end != len(data):
+        raise CorruptError(f"JPEG XL codestream of {end} bytes in a plane of {len(data)} bytes")
 
 
 def _size(bits: _Bits) -> tuple[int, int]:
@@ -114,19 +120,45 @@ def _check_metadata(bits: _Bits, depth: int) -> None:
     _need(bits.take(1) == 1, "custom transform data")
 
 
-def _check_frame(bits: _Bits) -> None:
-    """FrameHeader as far as the field that says this is the last frame."""
+def _check_frame(bits: _Bits) -> int:
+    """FrameHeader; returns the width and height of a group, pixels."""
     _need(not bits.take(1), "lossy (VarDCT) coding")
     _need(bits.take(2) == 0, "a frame that is not shown")
     _need(bits.take(1) == 1, "lossy (VarDCT) coding")
     _need(bits.u64() & ~_SKIP_LF_SMOOTHING == 0, "noise, patches or splines")
     _need(not bits.take(1), "YCbCr")
     _need(bits.take(2) == 0, "upsampling")
-    bits.take(2)  # Group size
+    group = 128 << bits.take(2)
     _need(bits.take(2) == 0, "several passes")
     _need(not bits.take(1), "a cropped frame")
     _need(bits.take(2) == 0, "blending")
     _need(bits.take(1) == 1, "several frames")
+    _need(bits.take(2) == 0, "a name")
+    _need(bits.take(1) == 0, "smoothing")  # All default: with filters
+    _need(bits.take(1) == 0, "smoothing")  # Gaborish
+    _need(bits.take(2) == 0, "smoothing")  # Edge-preserving
+    _need(bits.u64() == 0, "extensions")
+    _need(bits.u64() == 0, "extensions")
+    return group
+
+
+def _sections(shape: Shape, group: int) -> int:
+    """Number of sections of a frame of one pass."""
+
+    def tiles(size: int) -> int:
+        return -(-shape.width // size) * -(-shape.height // size)
+
+    groups = tiles(group)
+    return 1 if groups == 1 else 2 + tiles(8 * group) + groups
+
+
+def _sections_end(bits: _Bits, sections: int) -> int:
+    """Read the table of contents and return the offset at which the last section ends."""
+    _need(not bits.take(1), "permuted sections")
+    bits.align()
+    total = sum(bits.u32(_SECTION) for _ in range(sections))
+    bits.align()
+    return bits.offset + total
 
 
 def _need(condition: bool, what: str) -> None:

@@ -52,10 +52,11 @@ def encode_plane(
     Args:
         samples: Shape (height, width), each less than 2**bits.
         bits: 1 to 16.
-        codecs: What to try; of results of one size the first by number wins.
+        codecs: What to try; of results of one size the first by number wins. Deflate is used if
+            none of them can code the plane, as happens to JPEG XL over 2048 samples in a row.
 
     Raises:
-        ValueError: The samples do not fit, or none of the codecs can code them.
+        ValueError: The samples do not fit.
     """
     if samples.ndim != 2 or samples.size == 0 or samples.dtype != np.uint16:
         raise ValueError(
@@ -71,9 +72,7 @@ def encode_plane(
             best = codec, data
             if codec is Codec.CONSTANT:
                 break
-    if best is None:
-        raise ValueError(f"none of {sorted(codecs)} can code this plane")
-    return best
+    return best or (Codec.DEFLATE, deflate.encode(samples, shape))
 
 
 def decode_plane(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from gsvrcodec.container.header import Header
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError
@@ -18,6 +19,7 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.pack import dequantised, grid_size, pack_gop, plane_table, unpack_gop
+from gsvrcodec.model.timing import Ticks
 from gsvrcodec.planes import PACKS
 from tests.gops import BITS, SIXTEEN_BITS, assert_gops_equal, make_gop, make_payload
 
@@ -33,9 +35,8 @@ PTS = 40 * np.arange(3)
 DURATIONS = np.full(3, 40)
 
 
-def sorted_gop(gop: Gop) -> Gop:
-    """The same GOP with its Gaussians in the order of a file."""
-    order = strip_order(gop.position)
+def reordered(gop: Gop, order: NDArray[np.intp]) -> Gop:
+    """The same GOP with its Gaussians in another order."""
     names = [field.name for field in fields(Gop) if field.name not in ("xy", "xt", "yt")]
     return replace(gop, **{name: getattr(gop, name)[order] for name in names})
 
@@ -57,7 +58,7 @@ class TestRoundTrip:
         gop = make_gop(gaussians, grid)
         payload = pack_gop(gop, PTS, DURATIONS, 5, bits, PACKS[pack])
         content = unpack_gop(payload, HEADER, Limits())
-        assert_gops_equal(content.gop, sorted_gop(dequantised(gop, bits)))
+        assert_gops_equal(content.gop, reordered(dequantised(gop, bits), strip_order(gop.position)))
         assert grid_size(content.gop) == grid
         assert content.first_frame == 5
         np.testing.assert_array_equal(content.pts, PTS)
@@ -88,7 +89,7 @@ class TestPack:
     def test_a_value_out_of_bounds_fails(self) -> None:
         gop = make_gop(3)
         gop.log_scale[1, 0] = 14
-        with pytest.raises(ValueError, match="log_scale spans .* to 14, allowed is -32 to 13"):
+        with pytest.raises(ValueError, match=r"log_scale spans .* to 14, allowed is -32 to 13"):
             pack_gop(gop, PTS, DURATIONS, 0, BITS)
 
     def test_a_value_that_is_not_finite_fails(self) -> None:
@@ -98,7 +99,7 @@ class TestPack:
             pack_gop(gop, PTS, DURATIONS, 0, BITS)
 
     @pytest.mark.parametrize("durations", [DURATIONS[:2], DURATIONS[:0]])
-    def test_uneven_timing_fails(self, durations: np.ndarray[tuple[int], np.dtype]) -> None:
+    def test_uneven_timing_fails(self, durations: Ticks) -> None:
         with pytest.raises(ValueError, match="timestamps and"):
             pack_gop(make_gop(3), PTS, durations, 0, BITS)
 

@@ -1,0 +1,57 @@
+// Gradients of the parameters of kLanes Gaussians from their moments. Included by kernels.cpp.
+
+// Writes the gradients of Gaussians [i, i + count); those of splats that are not `drawn` are zero.
+static inline void deform_backward(const Model &model, const Frame &frame, const Moments *moments,
+                                   vi drawn, int i, int count, const Model &gradient, float *xy,
+                                   float *xt_line, float *yt_line) {
+    const Deformed d = deform(model, frame, i, count);
+    vf moment[8];
+    to_columns(&moments[0].colour[0], moment);
+    const vf mx = moment[3], my = moment[4], mxx = moment[5], mxy = moment[6], myy = moment[7];
+    vf offset[kChannels];
+
+    // Centre: px to normalised units, then along the motion.
+    const float tau = frame.tau;
+    const vf gcentre[2] = {d.inverse_xx * mx + d.inverse_xy * my, d.inverse_xy * mx + d.inverse_yy * my};
+    Fields<2> position, linear, quadratic;
+    vf gate{};
+    for (int k = 0; k < 2; ++k) {
+        const vf g = where(drawn, gcentre[k] * (0.5f * static_cast<float>(k ? frame.height : frame.width)));
+        position.column[k] = g;
+        linear.column[k] = g * tau;
+        quadratic.column[k] = g * (tau * tau);
+        offset[k] = where(drawn, d.gate * g);
+        gate += where(drawn, g * d.offset[k]);
+    }
+    store_fields<2>(gradient.linear, i, count, linear);
+    store_fields<2>(gradient.quadratic, i, count, quadratic);
+    store_fields<1>(gradient.alpha, i, count, {{-gate}});
+    for (int k = 0; k < 3; ++k) offset[5 + k] = where(drawn, moment[k]);
+    store_fields<3>(gradient.colour, i, count, {{offset[5], offset[6], offset[7]}});
+
+    // Covariance, along its own axes (no cancellation when it is thin): the second moments m in
+    // pixels of the coded frame give the gradient m_ij / (2 lambda_i lambda_j).
+    const float zx = static_cast<float>(frame.coded_width) / static_cast<float>(frame.width);
+    const float zy = static_cast<float>(frame.coded_height) / static_cast<float>(frame.height);
+    const vf cxx = mxx * (zx * zx), cxy = mxy * (zx * zy), cyy = myy * (zy * zy);
+    const vf half = 0.5f * (cxx - cyy);
+    const vf along = half * d.cosine + cxy * d.sine;
+    const vf across = cxy * d.cosine - half * d.sine;
+    const vf lambda0 = d.scale[0] * d.scale[0] + kDilation;
+    const vf lambda1 = d.scale[1] * d.scale[1] + kDilation;
+    offset[4] = where(drawn, 2.0f * d.spread * across / (lambda0 * lambda1));
+    store_fields<1>(gradient.rotation, i, count, {{offset[4]}});
+    Fields<2> log_scale;
+    for (int k = 0; k < 2; ++k) {
+        const vf lambda = k ? lambda1 : lambda0;
+        const vf spread = 0.5f * (cxx + cyy) + (k ? -along : along);
+        offset[2 + k] = where(drawn & (d.scale_sum[k] >= kMinScale),
+                              d.scale[k] * spread / (lambda * lambda));
+        log_scale.column[k] = where(drawn, offset[2 + k] * d.scale_base[k]);
+    }
+    store_fields<2>(gradient.log_scale, i, count, log_scale);
+
+    if (model.gx > 0 && bits(drawn))
+        lookup_backward(model, frame, d.position, count, offset, xy, xt_line, yt_line, position);
+    store_fields<2>(gradient.position, i, count, position);
+}

@@ -1,0 +1,83 @@
+// Scratch memory that is kept between calls: no allocation per frame once it has grown.
+#pragma once
+
+#include <cstddef>
+#include <cstdlib>
+#include <memory>
+#include <mutex>
+#include <new>
+#include <vector>
+
+#include "kernels.hpp"
+
+namespace gsvr {
+
+struct Free {
+    void operator()(void *p) const { std::free(p); }
+};
+
+template <class T>
+class Buffer {
+   public:
+    // Room for n elements on a cache line; contents are kept only when it already was there.
+    T *reserve(std::size_t n) {
+        if (n > size_) {
+            const std::size_t bytes = (n * sizeof(T) + 63) / 64 * 64;
+            data_.reset(static_cast<T *>(std::aligned_alloc(64, bytes)));
+            size_ = data_ ? n : 0;
+            if (!data_) throw std::bad_alloc();
+        }
+        return data_.get();
+    }
+    T *get() const { return data_.get(); }
+
+   private:
+    std::unique_ptr<T[], Free> data_;
+    std::size_t size_ = 0;
+};
+
+// Scratch of one frame in flight.
+struct Workspace {
+    Buffer<Splats> splats;
+    Buffer<Extent> extents;
+    Buffer<float> lines, pixels, plane_gradients;
+    Buffer<double> sums;
+};
+
+// A workspace that nobody else has, for as long as this lives.
+class Borrowed {
+   public:
+    Borrowed() {
+        std::lock_guard<std::mutex> lock(idle().mutex);
+        if (idle().spaces.empty()) {
+            space_ = std::make_unique<Workspace>();
+            idle().spaces.reserve(++idle().made);
+        } else {
+            space_ = std::move(idle().spaces.back());
+            idle().spaces.pop_back();
+        }
+    }
+    ~Borrowed() {
+        if (!space_) return;
+        std::lock_guard<std::mutex> lock(idle().mutex);
+        idle().spaces.push_back(std::move(space_));
+    }
+    Borrowed(Borrowed &&) = default;
+    Workspace &operator*() const { return *space_; }
+    Workspace *operator->() const { return space_.get(); }
+
+   private:
+    struct Idle {
+        std::mutex mutex;
+        std::size_t made = 0;
+        std::vector<std::unique_ptr<Workspace>> spaces;  // room for all that were made
+    };
+    static Idle &idle() {
+        static Idle instance;
+        return instance;
+    }
+
+    std::unique_ptr<Workspace> space_;
+};
+
+}  // namespace gsvr

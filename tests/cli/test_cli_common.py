@@ -1,0 +1,212 @@
+"""What holds for all four commands."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import pytest
+
+import gsvrcodec
+from gsvrcodec.cli import values
+from gsvrcodec.cli.common import run
+from gsvrcodec.cli.progress import EncodeDisplay, clock
+from gsvrcodec.encode import Progress
+from tests import making
+from tests.cli.tools import MAINS, ROOT, Runner, code_of, start
+
+HEAVY = {"torch", "cv2", "matplotlib", "rich"}
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Runner:
+    return Runner(capsys)
+
+
+@pytest.mark.parametrize("name", MAINS)
+class TestAll:
+    def test_version(self, cli: Runner, name: str) -> None:
+        result = cli(name, "--version")
+        assert result.code == 0
+        version = re.escape(gsvrcodec.__version__)
+        assert re.fullmatch(rf"{name} {version} \(bitstream \d+\.\d+\)\n", result.out)
+
+    def test_help_has_an_example(self, cli: Runner, name: str) -> None:
+        result = cli(name, "--help")
+        assert result.code == 0
+        assert f"\n  {name} " in result.out
+        assert all(len(line) <= 80 for line in result.out.splitlines())
+
+    def test_no_arguments_fails(self, cli: Runner, name: str) -> None:
+        assert "Missing argument" in cli.fails(2, name)
+
+    def test_unknown_option_fails(self, cli: Runner, name: str) -> None:
+        assert "No such option" in cli.fails(2, name, "--fastt", "a", "b")
+
+    def test_missing_input_fails(self, cli: Runner, name: str, tmp_path: Path) -> None:
+        args = [tmp_path / "none"] + [tmp_path / "out.mp4"] * (name != "gsvrinfo")
+        assert str(tmp_path / "none") in cli.fails(1, name, *args)
+        assert not list(tmp_path.iterdir())
+
+    def test_help_is_light(self, name: str) -> None:
+        code = f"""
+import sys
+sys.argv = ["x", "--help"]
+from gsvrcodec.cli.{name.removeprefix("gsvr")} import main
+main()
+print(*{{name.partition(".")[0] for name in sys.modules}})
+"""
+        printed = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+        ).stdout
+        assert HEAVY.isdisjoint(printed.splitlines()[-1].split())
+
+
+class TestFailures:
+    @pytest.mark.parametrize(
+        ("error", "code", "message"),
+        [
+            (KeyboardInterrupt(), 130, "interrupted"),
+            (MemoryError(), 1, "out of memory"),
+            (OSError(5, "Input/output error"), 1, "Input/output error"),
+            (ZeroDivisionError("by zero\nline"), 1, "ZeroDivisionError: by zero (set GSVR_DEBUG"),
+        ],
+    )
+    def test_one_line(
+        self, capsys: pytest.CaptureFixture[str], error: BaseException, code: int, message: str
+    ) -> None:
+        @click.command("gsvrtest")
+        def command() -> None:
+            raise error
+
+        assert run(command, []) == code
+        (line,) = capsys.readouterr().err.splitlines()[-1:]
+        assert line.startswith("gsvrtest: error: ")
+        assert message in line
+
+    def test_debugging_shows_where(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        @click.command("gsvrtest")
+        def command() -> None:
+            raise ZeroDivisionError
+
+        monkeypatch.setenv("GSVR_DEBUG", "1")
+        with pytest.raises(ZeroDivisionError):
+            run(command, [])
+
+    def test_interrupt_leaves_nothing(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[60] * 50)
+        target = tmp_path / "out.y4m"
+        process = start("gsvrdec", path, target, stderr=subprocess.PIPE)
+        deadline = time.monotonic() + 20
+        while not any(p.stat().st_size > 10**5 for p in tmp_path.glob(".*")):
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+        assert process.returncode == 130
+        assert err.strip() == b"gsvrdec: error: interrupted"
+        assert [p.name for p in tmp_path.iterdir()] == ["a.gsvr"]
+
+    def test_pipe_closed_early(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[16] * 20)
+        process = start("gsvrdec", path, "-", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert process.stdout is not None
+        assert process.stdout.read(9) == b"YUV4MPEG2"
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=20) == 1
+        process.stderr.close()
+
+
+class TestValues:
+    @pytest.mark.parametrize(
+        ("text", "number"),
+        [("7", 7), ("250k", 250_000), ("3M", 3_000_000), ("1.5m", 1_500_000), ("2G", 2 * 10**9)],
+    )
+    def test_count(self, text: str, number: int) -> None:
+        assert values.count(text) == number
+
+    @pytest.mark.parametrize("text", ["", "k", "3T", "1.5", "1.0001k", "nanM", "infM", "1e999M"])
+    def test_count_fails(self, text: str) -> None:
+        with pytest.raises(click.BadParameter, match="not a whole number"):
+            values.count(text)
+
+    def test_crop(self) -> None:
+        assert values.crop("1280:640") == (1280, 640, None, None)
+        assert values.crop("12:6:0:40") == (12, 6, 0, 40)
+
+    @pytest.mark.parametrize("text", ["", "12", "1:2:3", "1:2:3:4:5", "a:b", "-1:2", "1x2"])
+    def test_crop_fails(self, text: str) -> None:
+        with pytest.raises(click.BadParameter, match="not W:H"):
+            values.crop(text)
+
+    def test_gop_length(self) -> None:
+        assert values.gop_length("adaptive") == "adaptive"
+        assert values.gop_length("24") == 24
+        with pytest.raises(click.BadParameter):
+            values.gop_length("-4")
+
+
+class TestProgress:
+    def test_plain_lines(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay() as display:
+            display(Progress(0, 6, 0, 132, None, None, None))
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9))
+        assert capsys.readouterr().err.splitlines() == [
+            "GOP 0/6  0/132 frames",
+            "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
+        ]
+
+    def test_quiet(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay(quiet=True) as display:
+            display(Progress(0, 6, 0, 132, None, None, None))
+        assert capsys.readouterr().err == ""
+
+    @pytest.mark.parametrize(("seconds", "text"), [(0, "0:00"), (75.4, "1:15"), (3723, "1:02:03")])
+    def test_clock(self, seconds: float, text: str) -> None:
+        assert clock(seconds) == text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+class TestTerminal:
+    def ask(self, answer: bytes, *args: str | Path) -> tuple[int, str]:
+        """Run gsvrdec on a terminal and type an answer."""
+        import pty
+
+        pid, terminal = pty.fork()
+        if pid == 0:
+            os.environ.update(PYTHONPATH=str(ROOT), TERM="dumb")
+            command = [sys.executable, "-c", code_of("gsvrdec"), *map(str, args)]
+            os.execv(sys.executable, command)
+        shown = b""
+        answered = False
+        while True:
+            try:
+                piece = os.read(terminal, 4096)
+            except OSError:
+                break
+            if not piece:
+                break
+            shown += piece
+            if not answered and b"[y/N]" in shown:
+                os.write(terminal, answer)
+                answered = True
+        os.close(terminal)
+        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), shown.decode()
+
+    @pytest.mark.parametrize(("answer", "code"), [(b"n\n", 1), (b"y\n", 0), (b"\x03", 130)])
+    def test_overwriting_is_asked(self, tmp_path: Path, answer: bytes, code: int) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr")
+        target = tmp_path / "out.y4m"
+        target.write_bytes(b"old")
+        status, shown = self.ask(answer, path, target)
+        assert status == code
+        assert "out.y4m exists already. Overwrite it? [y/N]" in shown
+        assert (target.read_bytes() == b"old") == (code != 0)

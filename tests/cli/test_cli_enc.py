@@ -1,0 +1,132 @@
+"""gsvrenc: one small encode, and all that is refused before anything is done."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import gsvrcodec
+from gsvrcodec.cli import enc
+from gsvrcodec.fit.settings import EncodeSettings
+from tests import making
+from tests.cli.tools import ROOT, Runner
+
+SMALL = ("--frames", "4", "--gop", "2", "--gaussians", "0.2k", "--preset", "fastest")
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Runner:
+    return Runner(capsys)
+
+
+def test_options_are_the_settings() -> None:
+    chosen = enc.command.make_context("gsvrenc", ["in.mp4", "out.gsvr"]).params
+    for name in ("source", "target", "overwrite", "quiet"):
+        del chosen[name]
+    assert EncodeSettings(**chosen) == EncodeSettings()
+    assert set(chosen) == set(EncodeSettings.__dataclass_fields__)
+
+
+def test_small_encode(cli: Runner, tmp_path: Path) -> None:
+    target = tmp_path / "out.gsvr"
+    args = (making.NOISE, target, *SMALL, "--crop", "64:48", "--start-frame", "3")
+    result = cli("gsvrenc", *args)
+    assert result.code == 0, result.err
+    assert result.out == ""
+    assert "GOP 1/2  2/4 frames" in result.err
+    assert f"{target}: 4 frames, 2 GOPs, 400 Gaussians" in result.err.splitlines()[-1]
+    with gsvrcodec.open(target) as decoder:
+        assert decoder[0].data.shape == (48, 64, 3)
+        assert [frame.pts for frame in decoder] == [1024 * number for number in range(3, 7)]
+    report = cli("gsvrreport", making.NOISE, target)
+    assert report.code == 0
+    assert "warning" not in report.err
+    before = target.read_bytes()
+    assert "use -y" in cli.fails(1, "gsvrenc", *args)
+    assert target.read_bytes() == before
+
+
+class TestBadInput:
+    def fails(self, cli: Runner, code: int, source: Path, tmp_path: Path, *args: str) -> str:
+        """Encode what must be refused; nothing may be written."""
+        before = set(tmp_path.iterdir())
+        line = cli.fails(code, "gsvrenc", source, tmp_path / "out.gsvr", *args)
+        assert set(tmp_path.iterdir()) == before
+        return line
+
+    def test_directory_fails(self, cli: Runner, tmp_path: Path) -> None:
+        assert "is a directory" in self.fails(cli, 1, tmp_path, tmp_path)
+
+    def test_text_fails(self, cli: Runner, tmp_path: Path) -> None:
+        text = tmp_path / "a.txt"
+        text.write_text("no video here\n" * 20)
+        assert "is not a video" in self.fails(cli, 3, text, tmp_path)
+
+    def test_audio_only_fails(self, cli: Runner, tmp_path: Path) -> None:
+        audio = making.audio_only(tmp_path / "a.wav")
+        assert "no video stream" in self.fails(cli, 3, audio, tmp_path)
+
+    def test_zero_frames_fails(self, cli: Runner, tmp_path: Path) -> None:
+        empty = making.zero_frames(tmp_path / "a.y4m")
+        assert "no video frames" in self.fails(cli, 3, empty, tmp_path)
+
+    def test_gsvr_fails(self, cli: Runner, tmp_path: Path) -> None:
+        coded = making.gsvr_file(tmp_path / "a.gsvr")
+        assert "is a .gsvr file already" in self.fails(cli, 3, coded, tmp_path)
+
+    def test_large_crop_fails(self, cli: Runner, tmp_path: Path) -> None:
+        line = self.fails(cli, 2, making.NOISE, tmp_path, "--crop", "161:120")
+        assert "larger than the picture" in line
+        assert "(160x120)" in line
+
+    def test_start_past_the_end_fails(self, cli: Runner, tmp_path: Path) -> None:
+        line = self.fails(cli, 2, making.NOISE, tmp_path, "--start-frame", "20")
+        assert "has 20 frames" in line
+
+    @pytest.mark.parametrize(
+        "args",
+        [
+            ["--params", "3M", "--gaussians", "2k"],
+            ["--preset", "fast", "--time-budget", "2"],
+            ["--gop-min", "30", "--gop-max", "20"],
+            ["--time-budget", "0"],
+            ["--time-budget", "nan"],
+            ["--params", "lots"],
+            ["--params", "0"],
+            ["--gop", "x"],
+            ["--gop", "0"],
+            ["--crop", "640"],
+            ["--frames", "0"],
+            ["--preset", "quick"],
+        ],
+        ids=" ".join,
+    )
+    def test_contradictions_fail(self, cli: Runner, tmp_path: Path, args: list[str]) -> None:
+        assert args[0] in self.fails(cli, 2, making.NOISE, tmp_path, *args)
+
+    def test_output_is_input_fails(self, cli: Runner, tmp_path: Path) -> None:
+        source = tmp_path / "a.mp4"
+        source.write_bytes(making.NOISE.read_bytes())
+        os.link(source, tmp_path / "hard.gsvr")
+        (tmp_path / "soft.gsvr").symlink_to(source)
+        for name in ("a.mp4", "hard.gsvr", "soft.gsvr"):
+            line = cli.fails(1, "gsvrenc", source, tmp_path / name, "-y")
+            assert "is the input itself" in line
+        assert source.read_bytes() == making.NOISE.read_bytes()
+
+    def test_missing_directory_fails(self, cli: Runner, tmp_path: Path) -> None:
+        line = cli.fails(1, "gsvrenc", making.NOISE, tmp_path / "none" / "out.gsvr")
+        assert "is not a directory" in line
+
+    def test_refused_before_torch_is_loaded(self, tmp_path: Path) -> None:
+        code = f"""
+import sys
+from gsvrcodec.cli.enc import main
+assert main([{str(making.NOISE)!r}, {str(tmp_path / "o.gsvr")!r}, "--crop", "500:500"]) == 2
+assert "torch" not in sys.modules and "cv2" not in sys.modules
+"""
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)

@@ -1,0 +1,68 @@
+"""Running the commands, inside this process or as a user does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gsvrcodec.cli import dec, enc, info, report
+
+MAINS = {
+    "gsvrenc": enc.main,
+    "gsvrdec": dec.main,
+    "gsvrinfo": info.main,
+    "gsvrreport": report.main,
+}
+ROOT = Path(__file__).parent.parent.parent
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command printed and returned."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Runner:
+    """Runs commands by name in this process."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, name: str, *args: str | Path) -> Result:
+        self._capsys.readouterr()
+        code = MAINS[name]([str(arg) for arg in args])
+        output = self._capsys.readouterr()
+        return Result(code, output.out, output.err)
+
+    def fails(self, code: int, name: str, *args: str | Path) -> str:
+        """Run a command that must fail with one line on stderr; return that line."""
+        result = self(name, *args)
+        assert result.code == code, result
+        assert result.out == ""
+        assert "Traceback" not in result.err
+        (line,) = result.err.splitlines()
+        assert line.startswith(f"{name}: error: ")
+        return line.removeprefix(f"{name}: error: ")
+
+
+def code_of(name: str) -> str:
+    """Return the program that the installed command of this name runs."""
+    module = name.removeprefix("gsvr")
+    return f"import sys; from gsvrcodec.cli.{module} import main; sys.exit(main())"
+
+
+def start(name: str, *args: str | Path, **options: Any) -> subprocess.Popen[bytes]:
+    """Start a command as a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, "-c", code_of(name), *map(str, args)], env=environment, **options
+    )

@@ -1,0 +1,85 @@
+"""Pictures and tasks that the tests of fitting share."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.fit.gop import GopTask
+from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.video import open_video
+from tests import making
+
+Frames = NDArray[np.uint8]
+
+#: Frames in each of the short sample clips.
+FRAMES = {
+    making.BUNNY_SMALL: 24,
+    making.TEN_BIT: 12,
+    making.ODD: 24,
+    making.VFR_ROTATED: 16,
+    making.NOISE: 20,
+}
+
+
+def moving_texture(
+    frames: int, step: tuple[float, float], size: tuple[int, int] = (160, 120)
+) -> Frames:
+    """Return smooth noise that moves by `step` (x, y) pixels a frame."""
+    width, height = size
+    noise = np.random.default_rng(3).integers(0, 256, (height + 80, width + 80, 3), np.uint8)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2).astype(np.float32)
+    texture = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
+    shots = []
+    for number in range(frames):
+        x, y = (40 - step[0] * number, 40 - step[1] * number)
+        matrix = np.array([[1, 0, -x], [0, 1, -y]], np.float32)
+        shots.append(cv2.warpAffine(texture, matrix, size, flags=cv2.INTER_LINEAR))
+    return np.stack(shots).round().astype(np.uint8)
+
+
+@cache
+def sample(path: Path, crop: tuple[int, int] | None = None, frames: int | None = None) -> Frames:
+    """Return frames of a sample clip, cropped to (width, height) around its centre."""
+    with open_video(path, None if crop is None else (*crop, None, None), 0, frames) as video:
+        shots = np.stack([shot.rgb for shot in video])
+    shots.flags.writeable = False
+    return shots
+
+
+def task(
+    frames: Frames,
+    gaussians: int = 100,
+    *,
+    first_frame: int = 0,
+    seconds: float | None = None,
+    **settings: object,
+) -> GopTask:
+    """Return what `encode_gop` needs; the least effort unless settings say otherwise."""
+    chosen = replace(EncodeSettings(preset="fastest"), **settings)  # type: ignore[arg-type]
+    return GopTask(
+        frames=frames,
+        pts=512 * np.arange(first_frame, first_frame + len(frames), dtype=np.int64),
+        durations=np.full(len(frames), 512, np.int64),
+        first_frame=first_frame,
+        gaussians=gaussians,
+        settings=chosen,
+        seconds=seconds,
+    )
+
+
+def times(frames: int) -> Float32Array:
+    """Return the normalised times of evenly spaced frames."""
+    return np.linspace(-1, 1, frames, dtype=np.float32) if frames > 1 else np.zeros(1, np.float32)
+
+
+def assert_finite(gop: Gop) -> None:
+    """Every number is one."""
+    for field in fields(Gop):
+        assert np.isfinite(getattr(gop, field.name)).all(), field.name

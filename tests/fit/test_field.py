@@ -1,0 +1,109 @@
+"""The trainable form: what it exports, and gradients against the reference renderer."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+import torch
+
+from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.settings import Deform
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.render.reference import render
+from tests import making
+
+MODES = get_args(Deform)
+SIZE = (37, 26)
+
+
+def target(size: tuple[int, int] = SIZE) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    return np.random.default_rng(2).integers(0, 256, (size[1], size[0], 3), np.uint8)
+
+
+@pytest.fixture
+def start() -> Gop:
+    return making.random_gop(np.random.default_rng(5), gaussians=40)
+
+
+class TestExport:
+    def test_hybrid_keeps_the_start(self, start: Gop) -> None:
+        gop = Field(start, "hybrid").gop()
+        for name in Gop.__slots__:
+            atol = 2e-3 if name == "alpha" else 1e-6  # alpha stays clear of 0 and 1
+            np.testing.assert_allclose(getattr(gop, name), getattr(start, name), atol=atol)
+
+    def test_triplane_has_no_polynomial(self, start: Gop) -> None:
+        field = Field(start, "triplane")
+        gop = field.gop()
+        assert not gop.alpha.any()
+        assert not gop.linear.any()
+        assert not gop.quadratic.any()
+        assert {"alpha", "linear", "quadratic"}.isdisjoint(field.raw)
+        np.testing.assert_allclose(gop.xy, start.xy, atol=1e-6)
+
+    def test_polynomial_has_no_triplane(self, start: Gop) -> None:
+        field = Field(start, "polynomial")
+        gop = field.gop()
+        assert not gop.xy.size + gop.xt.size + gop.yt.size
+        assert (gop.alpha == 1).all()
+        assert {"alpha", "xy", "xt", "yt"}.isdisjoint(field.raw)
+        np.testing.assert_array_equal(gop.linear, start.linear)
+
+    @pytest.mark.parametrize("mode", MODES)
+    def test_training_leaves_start_and_exports_alone(self, start: Gop, mode: Deform) -> None:
+        before = start.position.copy()
+        field = Field(start, mode)
+        exported = field.gop()
+        with torch.no_grad():
+            for tensor in field.raw.values():
+                tensor += 1
+        np.testing.assert_array_equal(start.position, before)
+        np.testing.assert_array_equal(exported.position, before)
+
+
+class TestSquaredError:
+    @pytest.mark.parametrize("mode", MODES)
+    @pytest.mark.parametrize("tau", [-1.0, 0.0, 0.37])
+    @pytest.mark.parametrize("rendered", [SIZE, (18, 13)], ids=["full", "half"])
+    def test_value_and_gradient_are_the_reference(
+        self, start: Gop, mode: Deform, tau: float, rendered: tuple[int, int]
+    ) -> None:
+        field = Field(start, mode)
+        picture = target(rendered)
+        tensors = field.tensors()
+        loss = squared_error(tensors, tau, picture, SIZE)
+        ours = torch.autograd.grad(loss, list(field.raw.values()))
+
+        exact = {name: tensor.double() for name, tensor in field.tensors().items()}
+        frame = render(exact, tau, rendered, SIZE)
+        shown = frame + (frame.clamp(0, 1) - frame).detach()  # the gradient passes the clamp
+        reference = (shown - torch.from_numpy(picture) / 255).square().mean()
+        theirs = torch.autograd.grad(reference, list(field.raw.values()))
+
+        assert loss.item() == pytest.approx(reference.item(), rel=1e-4)
+        for name, one, other in zip(field.raw, ours, theirs, strict=True):
+            error = (one.double() - other.double()).norm() / other.double().norm().clamp(min=1e-12)
+            assert error < 1e-3, name
+
+    def test_gradient_scales_with_what_follows(self, start: Gop) -> None:
+        field = Field(start, "hybrid")
+        leaves = list(field.raw.values())
+        one = torch.autograd.grad(squared_error(field.tensors(), 0.2, target(), SIZE), leaves)
+        three = torch.autograd.grad(
+            3 * squared_error(field.tensors(), 0.2, target(), SIZE), leaves
+        )
+        for a, b in zip(one, three, strict=True):
+            torch.testing.assert_close(3 * a, b)
+
+    @pytest.mark.parametrize("threads", [1, 2, 5])
+    def test_threads_do_not_change_it(self, start: Gop, threads: int) -> None:
+        field = Field(start, "hybrid")
+        leaves = list(field.raw.values())
+        expected = squared_error(field.tensors(), 0.2, target(), SIZE, 1)
+        loss = squared_error(field.tensors(), 0.2, target(), SIZE, threads)
+        assert loss.item() == expected.item()
+        gradients = torch.autograd.grad(loss, leaves)
+        for a, b in zip(gradients, torch.autograd.grad(expected, leaves), strict=True):
+            torch.testing.assert_close(a, b, rtol=0, atol=0)

@@ -1,0 +1,99 @@
+"""Optimisation: error falls on real pictures, and nothing leaves the finite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import get_args
+
+import numpy as np
+import pytest
+from torch import Tensor
+
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.initialise import random_start
+from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, Recipe, optimise
+from gsvrcodec.fit.settings import Deform
+from gsvrcodec.render import render_frames
+from tests import making
+from tests.fit.scenes import Frames, assert_finite, sample, times
+
+
+def quality(field: Field, frames: Frames) -> float:
+    """Return the mean PSNR, dB."""
+    size = frames.shape[2], frames.shape[1]
+    shown = render_frames(field.gop(), times(len(frames)), size, size)
+    return float(np.mean([making.psnr(a, b) for a, b in zip(frames, shown, strict=True)]))
+
+
+def fitted(
+    frames: Frames,
+    steps: int,
+    *,
+    recipe: Recipe = MAIN,
+    deform: Deform = "hybrid",
+    quantise: Callable[[dict[str, Tensor]], dict[str, Tensor]] | None = None,
+) -> tuple[Field, float]:
+    """Return a fitted field, and how much PSNR it won from a random start."""
+    rng = np.random.default_rng(0)
+    grid = (0, 0, 0) if deform == "polynomial" else (8, 6, len(frames))
+    field = Field(random_start(frames, 150, grid, rng), deform)
+    before = quality(field, frames)
+    optimise(
+        field,
+        frames,
+        times(len(frames)),
+        recipe,
+        Effort(steps),
+        rng,
+        quantise=quantise,
+        quantise_from=0.5,
+    )
+    assert_finite(field.gop())
+    return field, quality(field, frames) - before
+
+
+@pytest.mark.parametrize("deform", get_args(Deform))
+@pytest.mark.parametrize("recipe", [MAIN, PAPER], ids=["main", "paper"])
+def test_psnr_rises(recipe: Recipe, deform: Deform) -> None:
+    frames = sample(making.BUNNY_SMALL, (96, 64), 4)
+    assert fitted(frames, 150, recipe=recipe, deform=deform)[1] > 6
+
+
+def test_more_steps_are_better() -> None:
+    frames = sample(making.BUNNY_SMALL, (96, 64), 4)
+    assert fitted(frames, 400)[1] > fitted(frames, 60)[1] + 1
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_flat_pictures(level: int) -> None:
+    field, _ = fitted(np.full((3, 40, 56, 3), level, np.uint8), 150)
+    assert quality(field, np.full((3, 40, 56, 3), level, np.uint8)) > 20
+
+
+def test_quantiser_is_applied_late() -> None:
+    calls = []
+
+    def quantise(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+        calls.append(set(tensors))
+        return tensors
+
+    fitted(sample(making.NOISE, (48, 40), 2), 40, quantise=quantise)
+    assert len(calls) == 20
+    assert {"position", "colour", "xy"} <= calls[0]
+
+
+class TestEffort:
+    def test_by_steps(self) -> None:
+        effort = Effort(4)
+        assert effort.spent == 0
+        effort.advance()
+        assert effort.spent == 0.25
+
+    def test_by_time(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        now = 100.0
+        monkeypatch.setattr("time.perf_counter", lambda: now)
+        effort = Effort(4, seconds=2.0)
+        effort.advance()
+        assert effort.spent == 0
+        now = 101.5
+        assert effort.spent == 0.75

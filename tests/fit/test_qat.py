@@ -1,0 +1,89 @@
+"""Fake quantisation: the values that a decoder will get, and a gradient straight through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gsvrcodec.fit.qat import fake_quantiser
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.pack import dequantised
+from gsvrcodec.model.quantise import BITS
+from tests import making
+
+
+def tensors_of(gop: Gop) -> dict[str, torch.Tensor]:
+    return {name: torch.from_numpy(getattr(gop, name)) for name in Gop.__slots__}
+
+
+def assert_as_decoded(gop: Gop, bits: dict[str, int]) -> None:
+    """The fake values are a decoder's, but for rounding: a tie may fall to the other side."""
+    fake = fake_quantiser(bits)(tensors_of(gop))
+    real = dequantised(gop, bits)
+    for name in Gop.__slots__:
+        ours, theirs = fake[name].detach().numpy(), getattr(real, name)
+        assert ours.shape == theirs.shape
+        if not theirs.size:
+            continue
+        span = float(np.ptp(np.mod(getattr(gop, name), np.pi) if name == "rotation" else theirs))
+        difference = np.abs(ours - theirs)
+        step = span / ((1 << bits[name]) - 1)
+        assert difference.max() <= 1.01 * step + 1e-6, name
+        assert (difference <= 0.05 * step + 2e-6).mean() > 0.97, name
+
+
+class TestValues:
+    @pytest.mark.parametrize("profile", BITS)
+    def test_as_a_decoder_sees_them(self, profile: str) -> None:
+        gop = making.random_gop(np.random.default_rng(1), gaussians=500)
+        gop.rotation[:] = np.random.default_rng(2).uniform(-9, 9, 500)
+        assert_as_decoded(gop, dict(BITS[profile]))
+
+    @given(
+        seed=st.integers(0, 99),
+        gaussians=st.integers(1, 40),
+        bits=st.integers(1, 16),
+        grid=st.sampled_from([(0, 0, 0), (1, 1, 1), (4, 3, 5)]),
+    )
+    def test_any_bits(
+        self, seed: int, gaussians: int, bits: int, grid: tuple[int, int, int]
+    ) -> None:
+        gop = making.random_gop(np.random.default_rng(seed), gaussians, grid)
+        assert_as_decoded(gop, dict.fromkeys(Gop.__slots__, bits))
+
+    def test_equal_values_stay(self) -> None:
+        values = {"colour": torch.full((9, 3), 0.3), "alpha": torch.zeros(9)}
+        out = fake_quantiser({"colour": 10, "alpha": 6})(values)
+        for name, tensor in values.items():
+            torch.testing.assert_close(out[name], tensor)
+
+    def test_the_span_is_a_component_s_own(self) -> None:
+        values = torch.tensor([[0.0, 0.0], [1.0, 1000.0], [0.4, 0.0]])
+        out = fake_quantiser({"position": 8})({"position": values})["position"]
+        torch.testing.assert_close(out[:, 0], values[:, 0], atol=0.5 / 255, rtol=0)
+
+
+class TestGradient:
+    def test_passes_straight_through(self) -> None:
+        gop = making.random_gop(np.random.default_rng(3))
+        leaves = {name: t.requires_grad_() for name, t in tensors_of(gop).items()}
+        out = fake_quantiser(BITS["main"])(leaves)
+        weights = {name: torch.randn_like(tensor) for name, tensor in out.items()}
+        torch.stack([(weights[name] * out[name]).sum() for name in out]).sum().backward()
+        for name, leaf in leaves.items():
+            assert leaf.grad is not None
+            torch.testing.assert_close(leaf.grad, weights[name])
+
+    def test_rotation_is_turned_by_half_circles_only(self) -> None:
+        angles = torch.tensor([-7.0, -0.1, 0.0, 1.0, 3.2, 100.0], requires_grad=True)
+        out = fake_quantiser({"rotation": 16})({"rotation": angles})["rotation"]
+        turns = (angles.detach() - out.detach()) / math.pi
+        torch.testing.assert_close(turns, turns.round(), atol=1e-4, rtol=0)
+        out.sum().backward()
+        assert angles.grad is not None
+        assert (angles.grad == 1).all()

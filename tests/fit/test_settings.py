@@ -1,0 +1,71 @@
+"""Settings: what contradicts itself is refused by the name of the option."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import FrozenInstanceError, fields
+from typing import Any
+
+import pytest
+
+from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.settings import EncodeSettings
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"params": 3_000_000, "time_budget": 2.0},
+        {"gaussians": 1, "preset": "slowest"},
+        {"gop": 1},
+        {"gop_min": 7, "gop_max": 7},
+        {"profile": "paper", "deform": "triplane", "pack": "png", "qat": False},
+        {"crop": (16, 16, None, None), "start_frame": 3, "frames": 1},
+    ],
+)
+def test_good(settings: dict[str, Any]) -> None:
+    chosen = EncodeSettings(**settings)
+    for name, value in settings.items():
+        assert getattr(chosen, name) == value
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"params": 1, "gaussians": 1}, "--params and --gaussians exclude each other"),
+        ({"preset": "slow", "time_budget": 1.0}, "--preset and --time-budget exclude each other"),
+        ({"gop_min": 9, "gop_max": 8}, "--gop-min 9 is more than --gop-max 8"),
+        ({"preset": "quick"}, "--preset must be one of fastest, fast, medium, slow, slowest"),
+        ({"profile": "ours"}, "--profile must be one of main, paper, not 'ours'"),
+        ({"deform": "none"}, "--deform must be one of hybrid, triplane, polynomial"),
+        ({"flow": "farneback"}, "--flow must be one of dis, raft"),
+        ({"pack": "zip"}, "--pack must be one of auto, jxl, png, deflate"),
+        ({"gop": "scene"}, "--gop must be 'adaptive' or a number of frames"),
+        ({"gop": 0}, "--gop must be at least 1"),
+        ({"gop_min": 0}, "--gop-min must be at least 1"),
+        ({"params": 0}, "--params must be at least 1"),
+        ({"gaussians": -5}, "--gaussians must be at least 1, not -5"),
+        ({"frames": 0}, "--frames must be at least 1"),
+        ({"start_frame": -1}, "--start-frame must be at least 0"),
+        ({"seed": -1}, "--seed must be at least 0"),
+        ({"threads": -1}, "--threads must be at least 0"),
+        ({"time_budget": 0.0}, "--time-budget must be above 0"),
+        ({"time_budget": float("inf")}, "--time-budget must be above 0"),
+        ({"time_budget": float("nan")}, "--time-budget must be above 0"),
+    ],
+)
+def test_bad(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        EncodeSettings(**settings)
+
+
+def test_frozen() -> None:
+    with pytest.raises(FrozenInstanceError):
+        EncodeSettings().seed = 1  # type: ignore[misc]
+
+
+def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
+    recorded = EncodeSettings(params=5, crop=(2, 2, None, None)).recorded()
+    assert json.loads(json.dumps(recorded)) == {**recorded, "crop": [2, 2, None, None]}
+    assert set(recorded) == {field.name for field in fields(EncodeSettings)} - {"threads"}

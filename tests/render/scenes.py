@@ -1,0 +1,142 @@
+"""Scenes for the renderers' tests, and both renderers as functions of the same arguments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.native import _core
+from gsvrcodec.render import reference
+from gsvrcodec.render.native import parameters
+
+Gradients = dict[str, NDArray[np.floating]]
+
+SIZE = (67, 45)
+TAU = 0.3
+
+
+def random_gop(n: int, *, grid: tuple[int, int, int] = (6, 5, 4), seed: int = 0) -> Gop:
+    """N Gaussians in and around the frame, all shapes; `grid` is Gx, Gy, Gt (zeros: no tri-plane)."""
+    r = np.random.default_rng(seed)
+    gx, gy, gt = grid
+    arrays = {
+        "position": r.uniform(-1.2, 1.2, (n, 2)),
+        "log_scale": r.uniform(-2, 2.5, (n, 2)),
+        "rotation": r.uniform(-4, 7, n),
+        "colour": r.uniform(-1, 1, (n, 3)),
+        "alpha": r.uniform(0, 1, n),
+        "linear": r.normal(0, 0.1, (n, 2)),
+        "quadratic": r.normal(0, 0.1, (n, 2)),
+        "xy": r.normal(0, 0.3, (gy, gx, 8)),
+        "xt": r.normal(1, 0.2, (gt, gx, 8)),
+        "yt": r.normal(1, 0.2, (gt, gy, 8)),
+    }
+    return Gop(**{name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()})
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What to render and how large."""
+
+    gop: Gop
+    size: tuple[int, int] = SIZE
+    coded_size: tuple[int, int] = SIZE
+
+
+def _shaped(sigma_px: tuple[float, float], n: int = 20) -> Gop:
+    gop = random_gop(n, seed=n)
+    gop.log_scale[:] = np.log(sigma_px)
+    return gop
+
+
+def _off_frame() -> Gop:
+    gop = random_gop(40)
+    gop.position[:] = 1.5 * np.sign(gop.position) + 0.2 * gop.position
+    return gop
+
+
+def _colourless() -> Gop:
+    gop = random_gop(20, grid=(0, 0, 0))
+    gop.colour[:] = 0
+    return gop
+
+
+SCENES = {
+    "mixed": Scene(random_gop(50)),
+    "one": Scene(random_gop(1)),
+    "15": Scene(random_gop(15)),
+    "16": Scene(random_gop(16)),
+    "17": Scene(random_gop(17)),
+    "none": Scene(random_gop(0)),
+    "no tri-plane": Scene(random_gop(33, grid=(0, 0, 0))),
+    "one cell": Scene(random_gop(33, grid=(1, 1, 1))),
+    "tiny": Scene(_shaped((0.002, 0.01), 200)),
+    "huge": Scene(_shaped((500.0, 300.0), 5), (200, 150), (200, 150)),
+    "wide": Scene(_shaped((60.0, 1.0)), (400, 40), (400, 40)),
+    "thin": Scene(_shaped((20.0, 0.4)), (131, 97), (131, 97)),
+    "needles": Scene(_shaped((100.0, 0.1), 9), (131, 197), (131, 197)),
+    "off frame": Scene(_off_frame()),
+    "zero colour": Scene(_colourless()),
+    "1x1": Scene(random_gop(20), (1, 1), (1, 1)),
+    "narrow": Scene(random_gop(20), (1, 77), (1, 77)),
+    "low": Scene(random_gop(20), (77, 1), (77, 1)),
+    "smaller": Scene(random_gop(50), (33, 31), (96, 64)),
+    "larger": Scene(random_gop(20), (150, 140), (64, 48)),
+    "stretched": Scene(random_gop(20), (20, 140), (96, 48)),
+}
+
+
+def native_float(scene: Scene, taus: Float32Array, threads: int = 1) -> Float32Array:
+    """Frames (F, H, W, 3) before the clamp."""
+    width, height = scene.size
+    out = np.full((len(taus), height, width, 3), np.nan, np.float32)
+    _core.render_float(parameters(scene.gop), taus, out, *scene.coded_size, threads)
+    return out
+
+
+def empty_gradient(gop: Gop) -> Gop:
+    """Room for gradients, filled with NaN."""
+    return Gop(**{name: np.full_like(getattr(gop, name), np.nan) for name in Gop.__slots__})
+
+
+def native_gradients(
+    scene: Scene, weights: Float32Array, tau: float = TAU, threads: int = 1
+) -> Gradients:
+    """Gradients of sum(frame * weights)."""
+    gradient = empty_gradient(scene.gop)
+    _core.backward_float(
+        parameters(scene.gop), tau, weights, *scene.coded_size, parameters(gradient), threads
+    )
+    return {name: getattr(gradient, name) for name in Gop.__slots__}
+
+
+def reference_render(
+    scene: Scene, weights: Float32Array | None = None, tau: float = TAU
+) -> tuple[NDArray[np.float64], Gradients]:
+    """A frame before the clamp and the gradients of sum(frame * weights)."""
+    tensors = {
+        name: torch.tensor(getattr(scene.gop, name), dtype=torch.float64, requires_grad=True)
+        for name in Gop.__slots__
+    }
+    frame = reference.render(tensors, tau, scene.size, scene.coded_size)
+    if weights is not None and frame.requires_grad:
+        (frame * torch.from_numpy(weights)).sum().backward()  # type: ignore[no-untyped-call]
+    gradients = {
+        name: np.zeros(tensor.shape) if tensor.grad is None else tensor.grad.numpy()
+        for name, tensor in tensors.items()
+    }
+    return frame.detach().numpy(), gradients
+
+
+def assert_gradients_close(actual: Gradients, expected: Gradients) -> None:
+    """Relative error at most 1e-3 in each parameter, as a whole and against its largest entry."""
+    for name, wanted in expected.items():
+        error = np.abs(actual[name] - wanted)
+        if wanted.size == 0:
+            continue
+        assert np.linalg.norm(error) <= 1e-3 * np.linalg.norm(wanted) + 1e-9, name
+        assert error.max() <= 1e-3 * np.abs(wanted).max() + 1e-9, name

@@ -1,0 +1,46 @@
+"""The native Adam step against torch's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from gsvrcodec.native import _core
+
+
+@pytest.mark.parametrize("shape", [(0, 2), (1,), (7, 3), (5000, 2), (33, 17, 8), (16, 1)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_against_torch(shape: tuple[int, ...], threads: int, isa: str) -> None:
+    r = np.random.default_rng(0)
+    rates = r.uniform(0.001, 0.1, shape[-1]).astype(np.float32)
+    param = r.normal(size=shape).astype(np.float32)
+    columns = [torch.tensor(param[..., k], dtype=torch.float64) for k in range(shape[-1])]
+    optimiser = torch.optim.Adam(
+        [
+            {"params": [column.requires_grad_()], "lr": float(rate)}
+            for column, rate in zip(columns, rates, strict=True)
+        ],
+        betas=(0.9, 0.99),
+        eps=1e-8,
+    )
+    mean, square = np.zeros_like(param), np.zeros_like(param)
+    for step in range(1, 6):
+        grad = r.normal(size=shape).astype(np.float32)
+        for k, column in enumerate(columns):
+            column.grad = torch.tensor(grad[..., k], dtype=torch.float64)
+        optimiser.step()
+        _core.adam_step(param, grad, mean, square, rates, 0.9, 0.99, 1e-8, step, threads)
+    expected = torch.stack([c.detach() for c in columns], -1).numpy().reshape(shape)
+    np.testing.assert_allclose(param, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_wrong_sizes_fail() -> None:
+    a, b = np.zeros((4, 3), np.float32), np.zeros((4, 2), np.float32)
+    rate = np.ones(1, np.float32)
+    with pytest.raises(ValueError, match="one size"):
+        _core.adam_step(a, b, a, a, rate, 0.9, 0.99, 1e-8, 1)
+    with pytest.raises(ValueError, match="lr"):
+        _core.adam_step(b, b, b, b, np.ones(3, np.float32), 0.9, 0.99, 1e-8, 1)
+    with pytest.raises(ValueError, match="step"):
+        _core.adam_step(a, a, a, a, rate, 0.9, 0.99, 1e-8, 0)

@@ -1,0 +1,75 @@
+"""The native kernels against the reference, in value and gradient, for every instruction set."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gsvrcodec.native import _core
+from gsvrcodec.render import render_frames
+from gsvrcodec.render.native import parameters
+from tests.render import scenes
+from tests.render.scenes import SCENES, TAU, Scene
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_value_and_gradients(name: str, isa: str) -> None:
+    scene = SCENES[name]
+    width, height = scene.size
+    weights = np.random.default_rng(1).normal(size=(height, width, 3)).astype(np.float32)
+    expected, gradients = scenes.reference_render(scene, weights)
+    actual = scenes.native_float(scene, np.array([TAU], np.float32))[0]
+    assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
+    scenes.assert_gradients_close(scenes.native_gradients(scene, weights), gradients)
+
+
+@pytest.mark.parametrize("tau", [-1.0, -0.999, 0.0, 1 / 3, 1.0])
+def test_times(tau: float, isa: str) -> None:
+    scene = SCENES["mixed"]
+    weights = np.random.default_rng(1).normal(size=(45, 67, 3)).astype(np.float32)
+    tau = float(np.float32(tau))
+    expected, gradients = scenes.reference_render(scene, weights, tau)
+    actual = scenes.native_float(scene, np.array([tau], np.float32))[0]
+    assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
+    scenes.assert_gradients_close(scenes.native_gradients(scene, weights, tau), gradients)
+
+
+@pytest.mark.parametrize("name", ["mixed", "larger", "1x1", "none", "thin"])
+def test_codes(name: str, isa: str) -> None:
+    scene = SCENES[name]
+    taus = np.array([-0.7, 0.4], np.float32)
+    scene.gop.colour[:] = np.abs(scene.gop.colour) * 0.5
+    expected = render_frames(scene.gop, taus, scene.size, scene.coded_size, backend="reference")
+    actual = render_frames(scene.gop, taus, scene.size, scene.coded_size)
+    difference = np.abs(actual.astype(int) - expected)
+    assert difference.max() <= 1
+    assert (difference > 0).mean() <= 1e-3
+
+
+@pytest.mark.parametrize("name", ["mixed", "smaller", "larger", "1x1", "low", "no tri-plane"])
+def test_squared_error(name: str, isa: str) -> None:
+    scene = SCENES[name]
+    width, height = scene.size
+    target = np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
+    frame, _ = scenes.reference_render(scene)
+    residual = frame.clip(0, 1) - target / 255.0
+    # The gradient passes through the clamp: a sample out of range is drawn back.
+    _, gradients = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
+    gradient = scenes.empty_gradient(scene.gop)
+    loss = _core.squared_error(
+        parameters(scene.gop), TAU, target, *scene.coded_size, parameters(gradient), 2
+    )
+    assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
+    scenes.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)
+
+
+def test_long_recurrence(isa: str) -> None:
+    """Many rows of one flat Gaussian: the recurrence's rounding stays small."""
+    gop = scenes.random_gop(3, grid=(0, 0, 0))
+    gop.position[:] = 0
+    gop.log_scale[:] = np.log(2000.0)
+    gop.colour[:] = 0.3
+    scene = Scene(gop, (9, 1500), (9, 1500))
+    expected, _ = scenes.reference_render(scene)
+    actual = scenes.native_float(scene, np.array([TAU], np.float32))[0]
+    assert np.abs(actual - expected).max() <= 1e-4

@@ -1,0 +1,124 @@
+"""Parameters that no encoder writes: never a crash, and a defined result."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.native import _core
+from gsvrcodec.render import render_frames
+from gsvrcodec.render.native import parameters
+from tests.render import scenes
+from tests.render.scenes import SIZE, TAU, Scene
+
+PER_GAUSSIAN = (
+    "position",
+    "log_scale",
+    "rotation",
+    "colour",
+    "alpha",
+    "linear",
+    "quadratic",
+)
+GRIDS = ("xy", "xt", "yt")
+TAUS = np.array([TAU], np.float32)
+
+
+def _copy(gop: Gop) -> Gop:
+    return Gop(**{name: getattr(gop, name).copy() for name in Gop.__slots__})
+
+
+def _without(gop: Gop, index: int) -> Gop:
+    return Gop(
+        **{
+            name: np.delete(getattr(gop, name), index, 0)
+            if name in PER_GAUSSIAN
+            else getattr(gop, name)
+            for name in Gop.__slots__
+        }
+    )
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", PER_GAUSSIAN)
+def test_not_finite_is_not_drawn(name: str, value: float, isa: str) -> None:
+    base = scenes.random_gop(20)
+    gop = _copy(base)
+    getattr(gop, name)[7] = value
+    expected = scenes.native_float(Scene(_without(base, 7)), TAUS)
+    np.testing.assert_allclose(scenes.native_float(Scene(gop), TAUS), expected, atol=1e-5)
+    weights = np.ones((SIZE[1], SIZE[0], 3), np.float32)
+    gradients = scenes.native_gradients(Scene(gop), weights)
+    for parameter, gradient in gradients.items():
+        assert np.isfinite(gradient).all(), parameter
+        if parameter in PER_GAUSSIAN:
+            assert not gradient[7].any(), parameter
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e38, -1e38])
+@pytest.mark.parametrize("name", GRIDS)
+def test_broken_grid(name: str, value: float, isa: str) -> None:
+    """Every Gaussian that reads a broken cell goes; nothing else happens."""
+    gop = _copy(scenes.random_gop(20))
+    getattr(gop, name)[:] = value
+    frame = scenes.native_float(Scene(gop), TAUS)
+    assert not np.isnan(frame).any()
+    render_frames(gop, TAUS, SIZE, SIZE)
+
+
+@pytest.mark.parametrize("value", [1e-45, -1e3, 88.8, 90.0, 1e4, 1e9, -1e9, 1e30, 3e38, -3e38])
+@pytest.mark.parametrize("name", PER_GAUSSIAN)
+def test_huge(name: str, value: float, isa: str) -> None:
+    for size, coded in ((SIZE, SIZE), ((1, 40), (65536, 1)), ((40, 1), (1, 65536))):
+        gop = _copy(scenes.random_gop(40))
+        getattr(gop, name)[::2] = value
+        scene = Scene(gop, size, coded)
+        frame = scenes.native_float(scene, TAUS)
+        assert frame.shape[1:3] == size[::-1]
+        scenes.native_gradients(scene, np.ones((size[1], size[0], 3), np.float32))
+        render_frames(gop, TAUS, size, coded)
+
+
+def test_random_bits(isa: str) -> None:
+    """Any 32 bits as any parameter."""
+    r = np.random.default_rng(5)
+    gop = scenes.random_gop(500)
+    for name in Gop.__slots__:
+        array = getattr(gop, name)
+        array[:] = r.integers(0, 2**32, array.shape, np.uint64).astype(np.uint32).view(np.float32)
+    for size in (SIZE, (1, 1), (300, 3)):
+        scene = Scene(gop, size)
+        scenes.native_float(scene, TAUS)
+        scenes.native_gradients(scene, np.ones((size[1], size[0], 3), np.float32))
+    render_frames(gop, np.array([np.nan, np.inf, -np.inf, 1e38], np.float32), SIZE, SIZE)
+
+
+def test_wrong_shapes_fail() -> None:
+    gop = scenes.random_gop(20)
+    broken = {
+        "position": np.zeros((20, 3), np.float32),
+        "log_scale": np.zeros((19, 2), np.float32),
+        "rotation": np.zeros((20, 1), np.float32),
+        "xy": np.zeros((5, 6, 7), np.float32),
+        "xt": np.zeros((4, 5, 8), np.float32),
+        "yt": np.zeros((0, 5, 8), np.float32),
+    }
+    for name, array in broken.items():
+        arrays = {n: getattr(gop, n) for n in Gop.__slots__} | {name: array}
+        with pytest.raises(ValueError, match="must"):
+            _core.Parameters(**arrays)
+
+
+def test_wrong_sizes_fail() -> None:
+    gop = parameters(scenes.random_gop(2))
+    out = np.zeros((1, 0, 4, 3), np.uint8)
+    with pytest.raises(ValueError, match=r"1\.\.65536"):
+        _core.render_rgb8(gop, TAUS, out, 4, 4, 1)
+    with pytest.raises(ValueError, match="one frame"):
+        _core.render_rgb8(gop, TAUS, np.zeros((2, 4, 4, 3), np.uint8), 4, 4, 1)
+    with pytest.raises(ValueError, match=r"1\.\.65536"):
+        _core.render_rgb8(gop, TAUS, np.zeros((1, 4, 4, 3), np.uint8), 0, 4, 1)
+    with pytest.raises(ValueError, match="gradient"):
+        other = parameters(scenes.random_gop(3))
+        _core.backward_float(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, other, 1)

@@ -1,0 +1,438 @@
+"""Faults by the thousand, against the bitstream's own interface.
+
+Single faults with files that can be kept are test vectors; see `tests/vectors/faulty`.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import time
+import tracemalloc
+
+import imagecodecs
+import numpy as np
+import pytest
+
+from gsvrcodec.container.chunk import (
+    GOP_TYPE,
+    HEAD_BYTES,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    SIGNATURE,
+    chunk_bytes,
+    chunk_head,
+)
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.errors import (
+    CorruptError,
+    GsvrError,
+    LimitError,
+    NotGsvrError,
+    UnsupportedError,
+)
+from gsvrcodec.limits import Limits
+from tests.gops import HEADER, decode_all, make_file, make_payload, make_payloads
+from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, pieces, with_plane
+
+PAYLOADS = make_payloads(3, gaussians=4)
+FILE = make_file(PAYLOADS, auxiliary=((b"sett", b"{}"),))
+CHUNKS = pieces(FILE)
+HEAD, FIRST, SECOND = CHUNKS[:3]
+
+
+def opened(data: bytes) -> GsvrReader:
+    return GsvrReader(io.BytesIO(data), Limits())
+
+
+def intact_gops(data: bytes) -> list[int]:
+    """Positions in PAYLOADS of the GOPs that can be read, each of them bit for bit."""
+    try:
+        reader = opened(data)
+    except CorruptError:
+        return []
+    found = []
+    for position, entry in enumerate(reader.gops):
+        try:
+            payload = reader.read_gop(position)
+        except CorruptError:
+            continue
+        number = entry.first_frame // 3
+        assert payload == PAYLOADS[number]
+        found.append(number)
+    return found
+
+
+class TestNotOurFile:
+    """Fault 1."""
+
+    @pytest.mark.parametrize("size", range(8))
+    def test_too_short(self, size: int) -> None:
+        with pytest.raises(NotGsvrError, match=r"not a \.gsvr file"):
+            opened(FILE[:size])
+
+    @pytest.mark.parametrize(
+        "data", [b"plain text\n" * 9, b"\0\0\0\x20ftypisom" + bytes(99), bytes(99)]
+    )
+    def test_something_else(self, data: bytes) -> None:
+        with pytest.raises(NotGsvrError, match=r"not a \.gsvr file"):
+            opened(data)
+
+
+class TestTruncation:
+    """Faults 3 and 4."""
+
+    def test_every_cut_keeps_the_whole_gops_before_it(self) -> None:
+        offset = len(SIGNATURE) + len(HEAD.to_bytes())
+        ends = []
+        for piece in CHUNKS[1:4]:
+            offset += len(piece.to_bytes())
+            ends.append(offset)
+        for size in range(8, len(FILE)):
+            whole = [number for number, end in enumerate(ends) if end <= size]
+            assert intact_gops(FILE[:size]) == whole
+            if whole:
+                reader = opened(FILE[:size])
+                assert reader.recovered
+                assert reader.warnings
+            else:
+                with pytest.raises(CorruptError):
+                    opened(FILE[:size])
+
+    def test_no_index_is_recovered_with_a_warning(self) -> None:
+        reader = opened(joined(CHUNKS[:4], reindex=False))
+        assert reader.recovered
+        assert reader.frames == 9
+        assert "no valid index" in reader.warnings[0]
+
+
+class TestBitFlips:
+    """Faults 5 and 6."""
+
+    def test_every_flip_is_detected_and_stays_in_its_gop(self) -> None:
+        start = len(SIGNATURE) + len(HEAD.to_bytes())
+        ends = [start]
+        for piece in CHUNKS[1:4]:
+            ends.append(ends[-1] + len(piece.to_bytes()))
+        for offset in range(len(FILE)):
+            damaged = bytearray(FILE)
+            damaged[offset] ^= 1 << offset % 8
+            hit = [n for n in range(3) if ends[n] <= offset < ends[n + 1]]
+            if offset < start:
+                with pytest.raises(CorruptError):
+                    opened(bytes(damaged))
+                continue
+            assert intact_gops(bytes(damaged)) == [n for n in range(3) if n not in hit]
+            reader = opened(bytes(damaged))
+            in_settings = ends[3] <= offset < ends[3] + len(CHUNKS[4].to_bytes())
+            if in_settings:
+                with pytest.raises(CorruptError, match="chunk sett"):
+                    reader.settings()
+            elif not hit:
+                assert reader.recovered
+
+    @pytest.mark.parametrize("offset", range(0, 12_000, 1_000))
+    def test_zeros_over_a_stretch_are_detected(self, offset: int) -> None:
+        payloads = make_payloads(5, gaussians=200)
+        data = make_file(payloads)
+        size = min(4096, len(data) - offset)
+        damaged = data[:offset] + bytes(size) + data[offset + size :]
+        if offset < 8 + 20 + 70:
+            with pytest.raises(CorruptError):
+                opened(damaged)
+            return
+        reader = opened(damaged)
+        whole = 0
+        for position, entry in enumerate(reader.gops):
+            try:
+                payload = reader.read_gop(position)
+            except CorruptError as error:
+                assert f"chunk GOPD at byte {entry.offset}: damaged" in str(error)  # noqa: PT017
+            else:
+                assert payload == payloads[entry.first_frame // 3]
+                whole += 1
+        assert whole < 5 or reader.recovered
+
+
+class TestAttacker:
+    """Fault 7: every checksum is right."""
+
+    def test_every_changed_byte_of_a_gop_is_refused_or_stays_finite(self) -> None:
+        payload = make_payload(9, (2, 2, 2), pack="auto")
+        good = make_file([payload])
+        rng = np.random.default_rng(0)
+        refused = 0
+        for offset in range(len(payload)):
+            value = int(rng.integers(1, 256))
+            data = patched(good, GOP_TYPE, offset, "B", payload[offset] ^ value)
+            try:
+                (content,) = decode_all(data)
+            except GsvrError:
+                refused += 1
+                continue
+            for name in ("position", "log_scale", "rotation", "colour", "xy", "xt", "yt"):
+                assert np.isfinite(getattr(content.gop, name)).all()
+        assert refused > 0.4 * len(payload)
+
+    def test_every_changed_byte_of_header_and_index_raises_our_errors_alone(self) -> None:
+        for kind in (HEAD_TYPE, INDEX_TYPE):
+            size = len(next(piece.payload for piece in CHUNKS if piece.type == kind))
+            for offset in range(size):
+                for value in (0, 1, 0x7F, 0x80, 0xFF):
+                    data = patched(FILE, kind, offset, "B", value)
+                    try:
+                        decode_all(data)
+                    except GsvrError:
+                        continue
+
+    @pytest.mark.parametrize("codec", ["png", "jxl", "deflate"])
+    def test_changed_image_data_raises_our_errors_alone(self, codec: str) -> None:
+        payload = make_payload(100, (8, 8, 8), pack=codec)
+        rng = np.random.default_rng(1)
+        for _ in range(300):
+            damaged = bytearray(payload)
+            for offset in rng.integers(TABLE_OFFSET + 37 * 20, len(payload), 2):
+                damaged[offset] = rng.integers(0, 256)
+            try:
+                decode_all(make_file([bytes(damaged)]))
+            except GsvrError:
+                continue
+
+
+class TestLengths:
+    """Faults 8 and 9."""
+
+    @pytest.mark.parametrize("size", [10**6, 2**31, 2**63 - 1, 2**64 - 21, 2**64 - 20, 2**64 - 1])
+    def test_a_length_past_the_end_is_refused_before_allocating(self, size: int) -> None:
+        data = SIGNATURE + HEAD.to_bytes() + chunk_head(b"GOPD", size) + bytes(64)
+        with pytest.raises(CorruptError, match=f"{size} bytes, past the end"):
+            opened(data)
+        with pytest.raises(CorruptError, match="header of"):
+            opened(SIGNATURE + chunk_head(b"HEAD", size) + bytes(64))
+
+    @pytest.mark.parametrize("size", [0, 2**32, 2**64 - 1, len(FIRST.payload) + 1])
+    def test_a_wrong_length_in_the_index_leads_to_a_search(self, size: int) -> None:
+        reader = opened(patched(FILE, INDEX_TYPE, 8, "Q", size))
+        assert reader.recovered
+        assert [reader.read_gop(n) for n in range(3)] == PAYLOADS
+
+    @pytest.mark.parametrize("count", [0, 2, 5, 2**31])
+    def test_a_wrong_count_in_the_index_leads_to_a_search_or_a_limit(self, count: int) -> None:
+        data = patched(FILE, INDEX_TYPE, 0, "I", count)
+        if count > Limits().chunks:
+            with pytest.raises(LimitError):
+                opened(data)
+        else:
+            assert opened(data).recovered
+
+    def test_entries_that_do_not_match_their_chunks_are_refused_when_read(self) -> None:
+        # A longer second GOP: exchanging the two lengths keeps their sum.
+        payloads = [make_payload(4), make_payload(9, first_frame=3, start_pts=120)]
+        good = make_file(payloads)
+        data = patched(good, INDEX_TYPE, 8, "Q", len(payloads[1]))
+        data = patched(data, INDEX_TYPE, 8 + 52, "Q", len(payloads[0]))
+        reader = opened(data)
+        for position in range(2):
+            with pytest.raises(CorruptError, match=r"chunk|damaged"):
+                reader.read_gop(position)
+
+    @pytest.mark.parametrize("first_frame", [0, 2, 4, 2**62, 2**64 - 1])
+    def test_frame_numbers_with_a_gap_are_not_believed(self, first_frame: int) -> None:
+        data = patched(FILE, INDEX_TYPE, 4 + 52 + 12, "Q", first_frame)
+        reader = opened(data)
+        assert reader.recovered
+        assert [gop.first_frame for gop in reader.gops] == [0, 3, 6]
+
+    @pytest.mark.parametrize("kind", [b"HEAD", b"indx", b"fend", b"G\0PD", b"Nope"])
+    def test_a_type_that_has_no_place_in_the_index(self, kind: bytes) -> None:
+        data = patched(FILE, INDEX_TYPE, 4 + 3 * 52, "4s", kind)
+        if kind == b"Nope":
+            with pytest.raises(UnsupportedError, match="chunk Nope"):
+                opened(data)
+        else:
+            assert opened(data).recovered
+
+
+class TestHeader:
+    """Faults 10, 11, 12 and 16."""
+
+    @pytest.mark.parametrize(("frames", "gops"), [(1, 3), (2**64 - 1, 3), (9, 1), (9, 2**32 - 1)])
+    def test_counts_that_lie_lose_to_the_content(self, frames: int, gops: int) -> None:
+        reader = opened(patched(FILE, HEAD_TYPE, 58, "QI", frames, gops))
+        assert reader.frames == 9
+        assert len(reader.gops) == 3
+        assert len(reader.warnings) == 1
+        assert "the header says" in reader.warnings[0]
+
+    @pytest.mark.parametrize(
+        "chunks", [[FIRST], [FIRST, HEAD], [HEAD, HEAD, FIRST], [HEAD, FIRST, HEAD]]
+    )
+    def test_missing_late_or_second(self, chunks: list[Piece]) -> None:
+        for reindex in (False, True):
+            with pytest.raises(CorruptError, match=r"expected HEAD|second header"):
+                opened(joined(chunks, reindex=reindex))
+
+    @pytest.mark.parametrize(
+        ("offset", "layout", "value"), [(44, "I", 3), (48, "I", 2), (44, "I", 0), (48, "I", 0)]
+    )
+    def test_a_gop_over_the_maxima_is_refused(self, offset: int, layout: str, value: int) -> None:
+        data = patched(FILE, HEAD_TYPE, offset, layout, value)
+        with pytest.raises(CorruptError, match=r"chunk GOPD at byte \d+: .*the header's maximum"):
+            decode_all(data)
+
+    def test_a_triplane_over_the_maxima_is_refused(self) -> None:
+        good = make_file([make_payload(4, (3, 2, 5))])
+        for offset, value in ((52, 2), (54, 1), (56, 4)):
+            with pytest.raises(CorruptError, match="tri-plane of"):
+                decode_all(patched(good, HEAD_TYPE, offset, "H", value))
+
+    @pytest.mark.parametrize("start_pts", [0, 79, 80, -(2**61)])
+    def test_timestamps_that_do_not_increase_are_refused(self, start_pts: int) -> None:
+        second = make_payload(4, first_frame=3, start_pts=start_pts)
+        reader = opened(joined([HEAD, FIRST, Piece(GOP_TYPE, second)]))
+        assert reader.recovered
+        assert len(reader.gops) == 1
+        assert "does not come after" in " ".join(reader.warnings)
+
+
+def gop_file(plane: int, data: bytes, **fields: float) -> bytes:
+    """A file of one GOP of 6 Gaussians (3 by 2) with one plane replaced."""
+    payload = with_plane(make_payload(6), plane, data, **fields)
+    return make_file([payload])
+
+
+class TestPlanes:
+    """Faults 13, 14 and 17."""
+
+    @pytest.mark.parametrize("pixels", [np.zeros((2, 4)), np.zeros((3, 2)), np.zeros((2, 3, 3))])
+    @pytest.mark.parametrize("codec", [2, 3])
+    def test_another_size_or_colour(self, codec: int, pixels: np.ndarray) -> None:
+        stored = pixels.astype(np.uint8)
+        data = imagecodecs.png_encode(stored) if codec == 2 else imagecodecs.jpegxl_encode(stored)
+        with pytest.raises(CorruptError, match=r"plane position\.0"):
+            decode_all(gop_file(0, bytes(data), codec=codec, bits=8))
+
+    def test_trailing_bytes_and_a_missing_end(self) -> None:
+        png = bytes(imagecodecs.png_encode(np.zeros((2, 3), np.uint8)))
+        assert decode_all(gop_file(0, png, codec=2, bits=8, step=1))
+        for data in (png + b"\0", png[:-12], png[:-1]):
+            with pytest.raises(CorruptError, match="PNG"):
+                decode_all(gop_file(0, data, codec=2, bits=8, step=1))
+
+    @pytest.mark.parametrize("step", [0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 3e38])
+    def test_steps_that_are_no_steps(self, step: float) -> None:
+        with pytest.raises(CorruptError, match=r"step|allowed"):
+            decode_all(patched(make_file([make_payload()]), GOP_TYPE, TABLE_OFFSET + 12, "f", step))
+
+    def test_extreme_gaussians_stay_within_bounds(self) -> None:
+        # Plane 2 is log_scale.0: exp(13) is the largest sigma that a file can ask for.
+        with pytest.raises(CorruptError, match="allowed is -32 to 13"):
+            decode_all(gop_file(2, b"\0\0", codec=0, offset=13.01, step=0))
+        (content,) = decode_all(gop_file(2, b"\0\0", codec=0, offset=13, step=0))
+        assert content.gop.log_scale[:, 0].tolist() == [13] * 6
+
+    def test_no_gaussian_is_valid(self) -> None:
+        (content,) = decode_all(make_file([make_payload(0)]))
+        assert len(content.gop) == 0
+
+    def test_no_gaussian_with_planes_is_refused(self) -> None:
+        data = patched(make_file([make_payload(4)]), GOP_TYPE, 12, "I", 0)
+        with pytest.raises(CorruptError, match="13 planes, expected 0"):
+            decode_all(data)
+
+
+class TestBombs:
+    """Fault 15: refused in under a second and in little memory."""
+
+    @staticmethod
+    def check(data: bytes, error: type[GsvrError], says: str) -> None:
+        begin = time.process_time()
+        with pytest.raises(error, match=says):
+            decode_all(data)
+        assert time.process_time() - begin < 1
+        tracemalloc.start()
+        try:
+            with pytest.raises(error, match=says):
+                decode_all(data)
+            assert tracemalloc.get_traced_memory()[1] < 256 * 2**20
+        finally:
+            tracemalloc.stop()
+
+    def test_png(self) -> None:
+        data = bytes(imagecodecs.png_encode(np.zeros((8192, 8192), np.uint8), level=9))
+        self.check(gop_file(0, data, codec=2, bits=8), CorruptError, "PNG header")
+
+    def test_jxl(self) -> None:
+        pixels = np.zeros((2048, 2048), np.uint8)
+        data = imagecodecs.jpegxl_encode(pixels, lossless=True, effort=1)
+        data = bytes(data)[bytes(data).find(b"\xff\x0a") :]
+        self.check(gop_file(0, data, codec=3), CorruptError, "2048x2048, expected 3x2")
+
+    def test_planes_that_expand_without_end(self) -> None:
+        # A thousand bytes that say 2^24 Gaussians, all planes constant: a gigabyte of values.
+        def grow(payload: bytearray) -> None:
+            struct.pack_into("<I", payload, 12, 2**24)
+            for plane in range(13):
+                struct.pack_into("<HH", payload, TABLE_OFFSET + 20 * plane + 4, 4096, 4096)
+
+        data = edited(make_file([make_payload(1)]), GOP_TYPE, grow)
+        data = patched(data, HEAD_TYPE, 44, "I", 2**24)
+        self.check(data, LimitError, "would expand to")
+
+    def test_frames_without_end(self) -> None:
+        data = patched(make_file([make_payload(1)]), HEAD_TYPE, 48, "I", 2**32 - 1)
+        self.check(data, LimitError, "GSVR_LIMIT_GOP_FRAMES")
+
+    @pytest.mark.parametrize("reindex", [False, True])
+    def test_a_million_unknown_chunks(self, reindex: bool) -> None:
+        if reindex:
+            chunks = [HEAD, FIRST, *[Piece(b"xabc", b"")] * 70_000]
+            data = joined(chunks)
+        else:
+            data = SIGNATURE + HEAD.to_bytes() + chunk_bytes(b"xabc", b"") * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+    def test_a_million_tiny_gops(self) -> None:
+        tiny = chunk_bytes(GOP_TYPE, make_payload(0, frames=1))
+        data = SIGNATURE + HEAD.to_bytes() + tiny * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+    def test_a_million_damaged_chunk_heads(self) -> None:
+        head = b"GOPD" + bytes(HEAD_BYTES - 4)
+        data = SIGNATURE + HEAD.to_bytes() + head * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+
+class TestVersions:
+    """Fault 18."""
+
+    def test_a_newer_minor_version_is_read(self) -> None:
+        assert len(decode_all(patched(FILE, HEAD_TYPE, 2, "H", 2))) == 3
+
+    @pytest.mark.parametrize("major", [1, 2, 65535])
+    def test_another_major_version_is_unsupported(self, major: int) -> None:
+        with pytest.raises(UnsupportedError, match=rf"version {major}\.1, this decoder reads 0\.x"):
+            opened(patched(FILE, HEAD_TYPE, 0, "H", major))
+
+    @pytest.mark.parametrize("bit", [0, 31])
+    def test_flags(self, bit: int) -> None:
+        assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
+        with pytest.raises(UnsupportedError, match="features this decoder does not know"):
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit))
+
+    @pytest.mark.parametrize("reindex", [False, True])
+    def test_unknown_chunks(self, reindex: bool) -> None:
+        skipped = joined([HEAD, Piece(b"zABC", b"x"), FIRST], reindex=reindex)
+        assert len(decode_all(skipped)) == 1
+        with pytest.raises(UnsupportedError, match="chunk Zabc at byte"):
+            opened(joined([HEAD, Piece(b"Zabc", b"x"), FIRST], reindex=reindex))
+
+    def test_an_unknown_codec_or_attribute_is_unsupported(self) -> None:
+        for offset in (0, 2):
+            with pytest.raises(UnsupportedError, match="unknown"):
+                decode_all(patched(FILE, GOP_TYPE, TABLE_OFFSET + offset, "B", 200))
+
+
+def test_a_header_alone_is_not_a_video() -> None:
+    with pytest.raises(CorruptError, match="no whole GOP"):
+        opened(SIGNATURE + chunk_bytes(HEAD_TYPE, HEADER.to_bytes()))
