@@ -178,6 +178,8 @@ class Decoder:
         while start < stop:
             end = min(self._store.run_end(start), start + batch, stop)
             try:
+                if self._store.run_end(start) < stop:
+                    self._store.prefetch(self._reader.gop_of_frame(start) + 1)
                 frames = self.get_frames_at(range(start, end))
             except CorruptError as error:
                 if not self._keep_going:

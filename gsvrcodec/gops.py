@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
@@ -19,7 +20,11 @@ CACHED_GOPS = 4
 
 
 class GopStore:
-    """The GOPs of a file, those used last in memory. Safe to use from several threads."""
+    """The GOPs of a file, those used last in memory. Safe to use from several threads.
+
+    GOPs are unpacked by a thread of the store's own, so that the next one can be made ready while
+    the frames of this one are rendered.
+    """
 
     def __init__(self, path: str | os.PathLike[str], limits: Limits | None) -> None:
         """Open a file; raises what `GsvrReader` does."""
@@ -27,7 +32,8 @@ class GopStore:
         self.reader = GsvrReader(path, self._limits)
         self._first_frames = [entry.first_frame for entry in self.reader.gops]
         self._start_pts = [entry.start_pts for entry in self.reader.gops]
-        self._cache: OrderedDict[int, GopContent] = OrderedDict()
+        self._cache: OrderedDict[int, Future[GopContent]] = OrderedDict()
+        self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
         self._lock = Lock()
 
     def get(self, position: int) -> GopContent:
@@ -36,15 +42,12 @@ class GopStore:
         Raises:
             CorruptError: it is damaged; chunk and offset are named.
         """
-        with self._lock:
-            if position in self._cache:
-                self._cache.move_to_end(position)
-                return self._cache[position]
-            content = self._unpacked(position)
-            self._cache[position] = content
-            if len(self._cache) > CACHED_GOPS:
-                self._cache.popitem(last=False)
-            return content
+        return self._future(position).result()
+
+    def prefetch(self, position: int) -> None:
+        """Begin to unpack the GOP at `position`, if there is one, and return at once."""
+        if position < len(self.reader.gops):
+            self._future(position)
 
     def frame_at(self, ticks: int) -> int:
         """Return the last frame that starts at `ticks` or before, not before the first frame."""
@@ -61,9 +64,20 @@ class GopStore:
 
     def close(self) -> None:
         """Forget everything and close the file."""
+        self._unpacker.shutdown(cancel_futures=True)
         with self._lock:
             self._cache.clear()
             self.reader.close()
+
+    def _future(self, position: int) -> Future[GopContent]:
+        """The GOP, or its promise, as the one used last."""
+        with self._lock:
+            if position not in self._cache:
+                self._cache[position] = self._unpacker.submit(self._unpacked, position)
+                if len(self._cache) > CACHED_GOPS:
+                    self._cache.popitem(last=False)
+            self._cache.move_to_end(position)
+            return self._cache[position]
 
     def _unpacked(self, position: int) -> GopContent:
         """Read and unpack a GOP."""

@@ -33,7 +33,9 @@ class _Display:
             from rich.progress import BarColumn, Progress, TextColumn
 
             self._bar = Progress(
-                BarColumn(bar_width=24), TextColumn("{task.description}"), console=Console(stderr=True)
+                BarColumn(bar_width=24),
+                TextColumn("{task.description}"),
+                console=Console(stderr=True),
             )
             self._task = self._bar.add_task("", total=None)
             self._bar.start()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.fit.settings import Deform
+from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.native import _core
 
@@ -30,7 +31,9 @@ class Field:
     """
 
     def __init__(self, start: Gop, deform: Deform) -> None:
-        tensors = {name: torch.from_numpy(getattr(start, name).copy()) for name in NAMES}
+        tensors = {
+            name: torch.from_numpy(getattr(start, name).astype(np.float32)) for name in NAMES
+        }
         self._gain = torch.tensor(_CHANNEL_GAIN)
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
@@ -61,8 +64,14 @@ class Field:
         return {name: out[name] for name in NAMES}
 
     def gop(self) -> Gop:
-        """The present state, as arrays of its own."""
-        return Gop(**{name: t.detach().numpy().copy() for name, t in self.tensors().items()})
+        """The present state, as arrays of its own, well within the bounds of the spec."""
+        tensors = self.tensors()
+        return Gop(
+            **{
+                a.name: np.clip(tensors[a.name].detach().numpy(), 0.99 * a.low, 0.99 * a.high)
+                for a in ATTRIBUTES
+            }
+        )
 
 
 class _SquaredError(torch.autograd.Function):
@@ -103,7 +112,7 @@ def squared_error(
     coded_size: tuple[int, int],
     threads: int = 0,
 ) -> Tensor:
-    """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), values in [0, 1].
+    """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), in [0, 1].
 
     Render, loss and gradient in one native call; the gradient passes through the clamp. The frame
     is rendered at the target's size.

@@ -57,8 +57,7 @@ def _raft() -> FlowEstimator:
         from torchvision.models.optical_flow import Raft_Small_Weights, raft_small
     except ImportError as error:
         raise UsageError(
-            "--flow raft needs torchvision, which is not installed: "
-            "install it, or use --flow dis"
+            "--flow raft needs torchvision, which is not installed: install it, or use --flow dis"
         ) from error
     import torch
 
@@ -81,7 +80,7 @@ def _raft() -> FlowEstimator:
         ]
         with torch.inference_mode():
             flow = model(*weights.transforms()(*batch))[-1][0]
-        return flow[:, :height, :width].permute(1, 2, 0).contiguous().numpy()
+        return np.asarray(flow[:, :height, :width].permute(1, 2, 0).contiguous(), np.float32)
 
     return estimate
 

@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.initialise import content_aware, random_start
 from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.initialise import content_aware, random_start
 from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, optimise
 from gsvrcodec.fit.plan import triplane_grid
 from gsvrcodec.fit.qat import fake_quantiser
@@ -94,9 +94,7 @@ def encode_gop(task: GopTask) -> EncodedGop:
             threads=settings.threads,
         )
     gop = field.gop()
-    payload = pack_gop(
-        gop, task.pts, task.durations, task.first_frame, bits, PACKS[settings.pack]
-    )
+    payload = pack_gop(gop, task.pts, task.durations, task.first_frame, bits, PACKS[settings.pack])
     return EncodedGop(
         payload=payload,
         psnr=_quality(dequantised(gop, bits), taus, frames, settings.threads),

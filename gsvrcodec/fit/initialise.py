@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.flow import FlowEstimator, resize, track
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
-from gsvrcodec.render.order import tile_order
 from gsvrcodec.render.native import render_weights
+from gsvrcodec.render.order import tile_order
 
 Frames = NDArray[np.uint8]
 
@@ -21,6 +21,8 @@ _GRADIENT_SHARE = 0.7
 _SIGMA_RANGE = (0.6, 20.0)
 _INITIAL_ALPHA = 0.88
 _PLANE_NOISE = 0.01
+#: Directions of the motion fit that the frame times hardly fix are left at rest.
+_LEAST_CONDITION = 0.01
 
 
 def density(frames: Frames) -> NDArray[np.float64]:
@@ -30,10 +32,10 @@ def density(frames: Frames) -> NDArray[np.float64]:
         dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
         dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
         total += (np.abs(dx) + np.abs(dy)).sum(axis=2)
-    total = cv2.boxFilter(total, -1, (5, 5)).astype(np.float64)
-    even = 1.0 / total.size
-    share = _GRADIENT_SHARE if total.sum() > 0 else 0.0
-    return share * total / max(total.sum(), 1e-12) + (1.0 - share) * even
+    detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
+    even = 1.0 / detail.size
+    share = _GRADIENT_SHARE if detail.any() else 0.0
+    return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
 
 
 def content_aware(
@@ -58,9 +60,9 @@ def content_aware(
     where = density(frames)
     chosen = _sample_pixels(where.ravel(), gaussians, rng)
     pixels = np.stack([chosen % width, chosen // width], 1)
-    inside = (pixels + rng.uniform(0, 1, pixels.shape)) / (width, height)
-    order = tile_order((2 * inside - 1).astype(np.float32), (width, height))
-    chosen, pixels, inside = chosen[order], pixels[order], inside[order].astype(np.float32)
+    jittered = (pixels + rng.uniform(0, 1, pixels.shape)) / (width, height)
+    order = tile_order((2 * jittered - 1).astype(np.float32), (width, height))
+    chosen, pixels, inside = chosen[order], pixels[order], jittered[order].astype(np.float32)
     sigma = np.clip(0.45 / np.sqrt(gaussians * where.ravel()[chosen]), *_SIGMA_RANGE)
 
     middle = int(np.abs(taus).argmin())
@@ -97,7 +99,7 @@ def random_start(
     """Start as the paper does: anywhere, at rest, in any colour."""
     height, width = frames.shape[1:3]
     gx, gy, gt = grid
-    spacing = np.sqrt(width * height / gaussians)
+    spacing = np.float32(np.sqrt(width * height / gaussians))
 
     def uniform(low: float, high: float, *shape: int) -> Float32Array:
         return rng.uniform(low, high, shape).astype(np.float32)
@@ -144,9 +146,9 @@ def fit_motion(
     tracks = track(small, start, points, estimate)
     moved = 2 * (tracks - tracks[start])
     basis = np.stack([taus - taus[start], taus**2 - taus[start] ** 2], 1)
-    # Two frames fix a line only.
+    # Two frames fix a line only, and so do frames at nearly the same two times.
     basis = basis[:, : min(2, len(taus) - 1)]
-    solution = np.linalg.pinv(basis).astype(np.float32)
+    solution = np.linalg.pinv(basis, rcond=_LEAST_CONDITION).astype(np.float32)
     motion = np.tensordot(solution, moved, axes=(1, 0))
     if len(motion) == 1:
         motion = np.concatenate([motion, np.zeros_like(motion)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -107,7 +107,7 @@ def optimise(
         for name, tensor in field.raw.items()
     ]
     adam = torch.optim.Adam(groups, betas=recipe.betas, eps=1e-15, fused=True)
-    order = iter(())
+    order: Iterator[int] = iter(())
     while (spent := effort.spent) < 1.0:
         index = next(order, None)
         if index is None:

@@ -37,9 +37,7 @@ def grid_parameters(grid: Grid) -> int:
     return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)
 
 
-def allocate(
-    gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
-) -> list[int]:
+def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
     """Gaussians of each GOP.
 
     Parameters are shared by length: every frame has as many. A GOP has at least one Gaussian, and
@@ -56,14 +54,14 @@ def allocate(
     total = settings.params or round(DEFAULT_DENSITY * width * height * frames)
     planes = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
     left = total - sum(planes)
-    if left < GAUSSIAN_PARAMETERS * len(gops):
-        if settings.params is not None:
-            raise UsageError(
-                f"{total} parameters are too few: {len(gops)} GOPs need {sum(planes)} for their "
-                f"deformation fields and {GAUSSIAN_PARAMETERS} for each Gaussian; "
-                "raise --params or use longer GOPs"
-            )
-        left = GAUSSIAN_PARAMETERS * len(gops)
-    return [
-        min(most, max(1, int(left * len(gop) / frames / GAUSSIAN_PARAMETERS))) for gop in gops
-    ]
+    if settings.params is None:
+        # The tri-planes of a small picture may take more than its share: half is for Gaussians.
+        left = max(left, total // 2, GAUSSIAN_PARAMETERS * len(gops))
+    elif left < GAUSSIAN_PARAMETERS * len(gops):
+        raise UsageError(
+            f"{total} parameters are too few: {len(gops)} GOPs need {sum(planes)} for their "
+            f"deformation fields and {GAUSSIAN_PARAMETERS} for each Gaussian; "
+            "raise --params or use longer GOPs"
+        )
+    spare = left // GAUSSIAN_PARAMETERS - len(gops)
+    return [min(most, 1 + spare * len(gop) // frames) for gop in gops]

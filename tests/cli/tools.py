@@ -54,15 +54,11 @@ class Runner:
         return line.removeprefix(f"{name}: error: ")
 
 
-def code_of(name: str) -> str:
-    """Return the program that the installed command of this name runs."""
-    module = name.removeprefix("gsvr")
-    return f"import sys; from gsvrcodec.cli.{module} import main; sys.exit(main())"
-
-
 def start(name: str, *args: str | Path, **options: Any) -> subprocess.Popen[bytes]:
     """Start a command as a process of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    module = name.removeprefix("gsvr")
+    code = f"import sys; from gsvrcodec.cli.{module} import main; sys.exit(main())"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb"}
     return subprocess.Popen(
-        [sys.executable, "-c", code_of(name), *map(str, args)], env=environment, **options
+        [sys.executable, "-c", code, *map(str, args)], env=environment, **options
     )

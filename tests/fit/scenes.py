@@ -35,7 +35,7 @@ def moving_texture(
     width, height = size
     noise = np.random.default_rng(3).integers(0, 256, (height + 80, width + 80, 3), np.uint8)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2).astype(np.float32)
-    texture = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
+    texture = (smooth - smooth.min()) * (255 / np.ptp(smooth))
     shots = []
     for number in range(frames):
         x, y = (40 - step[0] * number, 40 - step[1] * number)

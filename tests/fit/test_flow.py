@@ -82,9 +82,9 @@ class TestTrack:
 
     @pytest.mark.parametrize("count", [1, 1023, 1024, 1025])
     def test_any_number_of_points(self, count: int) -> None:
-        points = np.full((count, 2), 0.5, np.float32)
+        points, shift = np.full((count, 2), 0.5, np.float32), np.array([3, -2], np.float32)
         frames = [np.zeros((20, 30, 3), np.uint8)] * 2
-        tracks = track(frames, 0, points, lambda *_: still(30, 20) + [3, -2])
+        tracks = track(frames, 0, points, lambda *_: still(30, 20) + shift)
         np.testing.assert_allclose(tracks[1] - points, np.tile([0.1, -0.1], (count, 1)), atol=1e-6)
 
     def test_one_frame(self) -> None:

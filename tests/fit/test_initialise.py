@@ -43,13 +43,13 @@ def assert_shapes(gop: Gop, gaussians: int, grid: tuple[int, int, int]) -> None:
 
 
 class TestContentAware:
-    def test_middle_frame_is_close(self) -> None:
+    def test_resembles_the_middle_frame(self) -> None:
         frames = sample(making.BUNNY_SMALL, frames=5)
         gop = start(frames, 1500)
         assert_shapes(gop, 1500, GRID)
         size = frames.shape[2], frames.shape[1]
         shown = render_frames(gop, np.zeros(1, np.float32), size, size)[0]
-        assert making.psnr(frames[2], shown) > making.psnr(frames[2], frames[2].mean()) + 3
+        assert np.corrcoef(frames[2].ravel(), shown.ravel())[0, 1] > 0.6
 
     def test_same_seed_same_start(self) -> None:
         frames = sample(making.NOISE, frames=3)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -25,7 +25,7 @@ STEPS = st.lists(
 def scenes(steps: list[Step]) -> list[int]:
     """Return the length of each scene."""
     starts = [n for n, step in enumerate(steps) if step.cut or n == 0]
-    return np.diff([*starts, len(steps)]).tolist()
+    return [stop - start for start, stop in pairwise([*starts, len(steps)])]
 
 
 def by_scene(gops: list[range], steps: list[Step]) -> Iterator[list[int]]:
