@@ -15,7 +15,7 @@ from typing import Any
 from gsvrcodec.decode import open as open_gsvr
 from gsvrcodec.errors import UsageError
 from gsvrcodec.frames import Metadata
-from gsvrcodec.report.metrics import psnr_of, squared_error
+from gsvrcodec.metrics import psnr_of, squared_error
 from gsvrcodec.video.read import Crop, VideoReader, open_video
 
 _log = logging.getLogger(__name__)

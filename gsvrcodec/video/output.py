@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from gsvrcodec.container.header import ColourInfo
 
-#: Near-lossless: 41 dB or more on the sample clips.
+#: Near-lossless: about 40 dB or more on the sample clips.
 DEFAULT_CRF = 8
 DEFAULT_CODEC_PRESET = "veryfast"
 

@@ -7,7 +7,7 @@ from math import log10
 import numpy as np
 import pytest
 
-from gsvrcodec.report.metrics import MAX_PSNR, psnr, psnr_of, squared_error
+from gsvrcodec.metrics import MAX_PSNR, psnr, psnr_of, squared_error
 
 
 def test_known_values() -> None:

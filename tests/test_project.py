@@ -1,0 +1,101 @@
+"""What is written about the project holds: the README's example and options, pins, samples."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import click
+import pytest
+
+from gsvrcodec.cli import dec, enc, info, report
+from tests import making
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text("utf-8")
+COMMANDS = {
+    "gsvrenc": enc.command,
+    "gsvrdec": dec.command,
+    "gsvrinfo": info.command,
+    "gsvrreport": report.command,
+}
+
+
+def blocks(language: str) -> list[str]:
+    """Return the code blocks of one language in the README."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+
+
+def options(command: click.Command) -> set[str]:
+    """Return every spelling of every option of a command."""
+    return {spelling for option in command.params for spelling in option.opts} | {"--help"}
+
+
+def test_python_example_runs(tmp_path: Path) -> None:
+    (example,) = blocks("python")
+    (tmp_path / "samples").symlink_to(making.SAMPLES)
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", example],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.stderr == ""
+    assert run.stdout.splitlines()[1] == "320 180 24"
+    assert {path.name for path in tmp_path.iterdir()} == {"samples", "bunny.gsvr", "bunny.mp4"}
+
+
+def test_commands_parse() -> None:
+    lines = re.split(r"&&|\n", "".join(blocks("sh")).replace("\\\n", " "))
+    calls = [shlex.split(line) for line in lines if line.strip()]
+    commands = [call for call in calls if call[0] in COMMANDS]
+    assert len(commands) >= 3
+    for name, *arguments in commands:
+        COMMANDS[name].make_context(name, arguments)
+
+
+def test_options_exist() -> None:
+    known = set().union(*(options(command) for command in COMMANDS.values()))
+    prose = re.sub(r"--extra-index-url|```.*?```", "", README, flags=re.DOTALL)
+    named = set(re.findall(r"`[^`\n]*?(--[a-z-]+)", prose))
+    assert len(named) > 10
+    assert named <= known
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_and_paths_exist(page: str) -> None:
+    text = (ROOT / page).read_text("utf-8")
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    paths = re.findall(r"`((?:gsvrcodec|spec|tests|samples)/[\w./]+)`", text)
+    for path in [*links, *paths]:
+        assert (ROOT / path).exists(), path
+
+
+def test_ci_finds_the_commands_of_the_readme() -> None:
+    script = (ROOT / ".ci" / "run").read_text("utf-8")
+    for word in re.findall(r"readme (\w+)\)", script):
+        assert any(word in block for block in blocks("sh")), word
+
+
+def test_every_dependency_is_pinned_and_explained() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    wanted = [*project["build-system"]["requires"], *project["project"]["dependencies"]]
+    for extra in project["project"]["optional-dependencies"].values():
+        wanted += extra
+    names = {re.split(r"[\[><=]", name)[0] for name in wanted} - {"gsvrcodec"}
+    constraints = (ROOT / "constraints.txt").read_text("utf-8").lower().replace("_", "-")
+    pinned = set(re.findall(r"^([\w-]+)==", constraints, re.MULTILINE))
+    assert names <= pinned
+    table = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("## Dependencies")[2]
+    assert names <= set(re.findall(r"[\w-]+", table))
+
+
+def test_every_sample_is_attributed() -> None:
+    page = (making.SAMPLES / "README.md").read_text("utf-8")
+    clips = {path.name for path in making.SAMPLES.iterdir()} - {"README.md"}
+    assert clips == set(re.findall(r"^\| `([^`]+)`", page, re.MULTILINE))
