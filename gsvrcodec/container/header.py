@@ -10,7 +10,7 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 VERSION_MAJOR = 0
-VERSION_MINOR = 1
+VERSION_MINOR = 2
 
 #: Bits of the must-understand flags that this version knows; none yet.
 KNOWN_REQUIRED_FLAGS = 0

@@ -16,25 +16,20 @@ from gsvrcodec.native import _core
 
 NAMES = Gop.__slots__
 
-#: How much stronger the tri-plane's channels act than they are stored while training: scales
-#: are in pixels, the other offsets in units of the frame, radians and colour.
-_CHANNEL_GAIN = (1.0, 1.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0)
 _ALPHA_RANGE = (1e-3, 1 - 1e-3)
 
 
 class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
-    `raw` holds a leaf tensor for each trained attribute: those of `Gop` but for alpha, which is
-    a logit, and the xy grid, which is divided by the channel gains. What `deform` switches off is
-    not in it.
+    `raw` holds a leaf tensor for each trained attribute: those of `Gop`, but alpha is a logit.
+    What `deform` switches off is not in it.
     """
 
     def __init__(self, start: Gop, deform: Deform) -> None:
         tensors = {
             name: torch.from_numpy(getattr(start, name).astype(np.float32)) for name in NAMES
         }
-        self._gain = torch.tensor(_CHANNEL_GAIN)
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
             self._fixed = {
@@ -59,8 +54,6 @@ class Field:
         out = {**self._fixed, **self.raw}
         if "alpha" in self.raw:
             out["alpha"] = torch.sigmoid(out["alpha"])
-        if "xy" in self.raw:
-            out["xy"] = out["xy"] * self._gain
         return {name: out[name] for name in NAMES}
 
     def gop(self) -> Gop:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -88,44 +88,3 @@ def _raft() -> FlowEstimator:
 def motion_degree(flow: FlowField) -> float:
     """Mean length of the displacement, in pixels of the analysed frame (paper, "motion degree")."""
     return float(np.hypot(flow[..., 0], flow[..., 1]).mean())
-
-
-def track(
-    frames: Sequence[Image], start: int, points: FlowField, estimate: FlowEstimator
-) -> FlowField:
-    """Follow points of frame `start` through all frames by chained flow.
-
-    Args:
-        frames: F images of one size.
-        start: the frame the points are given in.
-        points: (N, 2) x, y in [0, 1) of the frame.
-        estimate: the flow estimator.
-
-    Returns:
-        (F, N, 2) x, y in the same units; outside [0, 1) where a point leaves the frame.
-    """
-    height, width = frames[0].shape[:2]
-    size = np.array([width, height], np.float32)
-    tracks = np.empty((len(frames), len(points), 2), np.float32)
-    tracks[start] = points
-    for step, order in ((1, range(start, len(frames) - 1)), (-1, range(start, 0, -1))):
-        for index in order:
-            flow = estimate(frames[index], frames[index + step])
-            # cv2.remap takes maps of fewer than 32768 rows or columns: fold the list of points.
-            at = tracks[index] * size - 0.5
-            moved = _sample(flow, at)
-            tracks[index + step] = tracks[index] + moved / size
-    return tracks
-
-
-def _sample(flow: FlowField, at: FlowField) -> FlowField:
-    """Bilinear samples of `flow` at pixel coordinates `at` (N, 2), border replicated."""
-    side = 1024
-    rows = -(-len(at) // side)
-    padded = np.zeros((rows * side, 2), np.float32)
-    padded[: len(at)] = at
-    maps = padded.reshape(rows, side, 2)
-    out = cv2.remap(
-        flow, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(out, np.float32).reshape(-1, 2)[: len(at)]

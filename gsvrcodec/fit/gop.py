@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, optimise
 from gsvrcodec.fit.plan import triplane_grid
 from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.pack import dequantised, pack_gop
 from gsvrcodec.model.quantise import BITS
@@ -118,9 +119,7 @@ def _quality(gop: Gop, taus: Float32Array, frames: NDArray[np.uint8], threads: i
     """Mean PSNR over the frames, dB."""
     height, width = frames.shape[1:3]
     size = (width, height)
-    total = 0.0
-    for tau, frame in zip(taus, frames, strict=True):
-        shown = render_frames(gop, tau[None], size, size, threads=threads)[0]
-        error = np.square(shown.astype(np.float32) - frame).mean(dtype=np.float64)
-        total += 10 * math.log10(255**2 / max(error, 1e-3))
-    return total / len(frames)
+    return fmean(
+        psnr(render_frames(gop, tau[None], size, size, threads=threads)[0], frame)
+        for tau, frame in zip(taus, frames, strict=True)
+    )

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.flow import FlowEstimator, resize, track
+from gsvrcodec.fit.flow import FlowEstimator
+from gsvrcodec.fit.motion import Tracker
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 from gsvrcodec.render.native import render_weights
 from gsvrcodec.render.order import tile_order
 
 Frames = NDArray[np.uint8]
 
-_FLOW_HEIGHT = 360
 #: Share of the Gaussians spread by gradient, the others evenly.
 _GRADIENT_SHARE = 0.7
-_SIGMA_RANGE = (0.6, 20.0)
+#: Standard deviation of a Gaussian, in distances to its neighbours.
+_SPREAD = 0.45
+_SIGMA_RANGE = (0.6, 20.0)  # px
+#: Largest share of the Gaussians that starts in the first frame, and in the last.
+_HOLE_SHARE = 0.2
+_HOLE_PX = 9
+#: Sum of weights at which a place needs no more Gaussians; 1.3 is usual.
+_COVERED = 0.6
 _INITIAL_ALPHA = 0.88
-_PLANE_NOISE = 0.01
-#: Directions of the motion fit that the frame times hardly fix are left at rest.
-_LEAST_CONDITION = 0.01
+_PLANE_NOISE = 0.0025
 
 
 def density(frames: Frames) -> NDArray[np.float64]:
@@ -38,6 +43,109 @@ def density(frames: Frames) -> NDArray[np.float64]:
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """Gaussians put on pixels of one frame: N of them."""
+
+    frame: NDArray[np.int64]  #: (N,) index of that frame
+    pixels: NDArray[np.int64]  #: (N, 2) x, y there
+    position: Float32Array  #: (N, 2) canonical
+    sigma: Float32Array  #: (N,) px
+    linear: Float32Array  #: (N, 2)
+    quadratic: Float32Array  #: (N, 2)
+
+    def __getitem__(self, chosen: NDArray[np.intp]) -> _Placed:
+        return _Placed(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    def __add__(self, other: _Placed) -> _Placed:
+        return _Placed(
+            *(np.concatenate([getattr(p, name) for p in (self, other)]) for name in self.__slots__)
+        )
+
+
+class _Start:
+    """Places Gaussians in a GOP."""
+
+    def __init__(
+        self,
+        frames: Frames,
+        taus: Float32Array,
+        gaussians: int,
+        grid: tuple[int, int, int],
+        tracker: Tracker | None,
+        rng: np.random.Generator,
+    ) -> None:
+        self._frames, self._taus, self._gaussians = frames, taus, gaussians
+        self._tracker, self._rng = tracker, rng
+        self._size = frames.shape[2], frames.shape[1]
+        gx, gy, gt = grid
+        self._xy = rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32)
+        self._xt = np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32)
+        self._yt = np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32)
+
+    def place(
+        self,
+        index: int,
+        weights: NDArray[np.float64],
+        where: NDArray[np.float64],
+        count: int,
+    ) -> _Placed:
+        """Put `count` Gaussians on frame `index` by `weights`, as large as density `where` asks."""
+        width = self._size[0]
+        chosen = sample_pixels(weights.ravel(), count, self._rng)
+        pixels = np.stack([chosen % width, chosen // width], 1)
+        inside = (pixels + self._rng.uniform(0, 1, pixels.shape)) / self._size
+        points = inside.astype(np.float32)
+        linear, quadratic = np.zeros_like(points), np.zeros_like(points)
+        if self._tracker is not None:
+            linear, quadratic = self._tracker.motion(self._taus, index, points)
+        tau = self._taus[index]
+        sigma = _SPREAD / np.sqrt(self._gaussians * where.ravel()[chosen])
+        return _Placed(
+            frame=np.full(count, index),
+            pixels=pixels,
+            position=2 * points - 1 - linear * tau - quadratic * tau**2,
+            sigma=np.clip(sigma, *_SIGMA_RANGE).astype(np.float32),
+            linear=linear,
+            quadratic=quadratic,
+        )
+
+    def coverage(self, placed: _Placed, index: int) -> Float32Array:
+        """Sum of the weights of `placed` at each pixel of frame `index`, (H, W)."""
+        unit = self.gop(placed, np.ones((len(placed.sigma), 3), np.float32))
+        return render_weights(unit, float(self._taus[index]), self._size)
+
+    def uncovered(self, placed: _Placed, index: int) -> Float32Array:
+        """How bare of `placed` frame `index` is, (H, W) in [0, 1]."""
+        covered = cv2.boxFilter(self.coverage(placed, index), -1, (_HOLE_PX, _HOLE_PX))
+        return np.clip(1 - covered / _COVERED, 0, 1)
+
+    def colours(self, placed: _Placed) -> Float32Array:
+        """What each Gaussian's pixel shows, shared with the others there, (N, 3)."""
+        colour = np.empty((len(placed.sigma), 3), np.float32)
+        for index in np.unique(placed.frame):
+            here = placed.frame == index
+            x, y = placed.pixels[here].T
+            weight = np.maximum(self.coverage(placed, index)[y, x], 0.3)
+            colour[here] = self._frames[index, y, x] / 255.0 / weight[:, None]
+        return colour
+
+    def gop(self, placed: _Placed, colour: Float32Array) -> Gop:
+        """Round Gaussians of these colours."""
+        return Gop(
+            position=placed.position,
+            log_scale=np.log(np.stack([placed.sigma, placed.sigma], 1)),
+            rotation=np.zeros_like(placed.sigma),
+            colour=colour,
+            alpha=np.full_like(placed.sigma, _INITIAL_ALPHA),
+            linear=placed.linear,
+            quadratic=placed.quadratic,
+            xy=self._xy,
+            xt=self._xt,
+            yt=self._yt,
+        )
+
+
 def content_aware(
     frames: Frames,
     taus: Float32Array,
@@ -48,6 +156,9 @@ def content_aware(
 ) -> Gop:
     """Start from the middle frame: more and smaller Gaussians where there is more detail.
 
+    What the middle frame does not show, because it is yet to appear or gone, starts from the
+    first and the last frame, where the moving Gaussians of the others leave holes.
+
     Args:
         frames: (F, H, W, 3) uint8 of the GOP.
         taus: (F,) normalised times.
@@ -56,41 +167,23 @@ def content_aware(
         estimate: flow that the Gaussians' polynomials are fitted to; None = at rest.
         rng: source of the sampling.
     """
-    height, width = frames.shape[1:3]
+    tracker = None if estimate is None else Tracker(frames, estimate)
+    start = _Start(frames, taus, gaussians, grid, tracker, rng)
     where = density(frames)
-    chosen = _sample_pixels(where.ravel(), gaussians, rng)
-    pixels = np.stack([chosen % width, chosen // width], 1)
-    jittered = (pixels + rng.uniform(0, 1, pixels.shape)) / (width, height)
-    order = tile_order((2 * jittered - 1).astype(np.float32), (width, height))
-    chosen, pixels, inside = chosen[order], pixels[order], jittered[order].astype(np.float32)
-    sigma = np.clip(0.45 / np.sqrt(gaussians * where.ravel()[chosen]), *_SIGMA_RANGE)
-
     middle = int(np.abs(taus).argmin())
-    linear, quadratic = np.zeros_like(inside), np.zeros_like(inside)
-    if estimate is not None and len(frames) > 1:
-        linear, quadratic = fit_motion(frames, taus, middle, inside, estimate)
-    position = 2 * inside - 1 - linear * taus[middle] - quadratic * taus[middle] ** 2
-    gx, gy, gt = grid
-
-    def still_gop(colour: Float32Array) -> Gop:
-        return Gop(
-            position=position.astype(np.float32),
-            log_scale=np.log(np.stack([sigma, sigma], 1)).astype(np.float32),
-            rotation=np.zeros(len(inside), np.float32),
-            colour=colour,
-            alpha=np.full(len(inside), _INITIAL_ALPHA, np.float32),
-            linear=linear,
-            quadratic=quadratic,
-            xy=rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
-            xt=np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
-            yt=np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
-        )
-
-    unit = still_gop(np.ones((len(inside), 3), np.float32))
-    weight = render_weights(unit, float(taus[middle]), (width, height))
-    x, y = pixels[:, 0], pixels[:, 1]
-    colour = frames[middle, y, x] / 255.0 / np.maximum(weight[y, x], 0.3)[:, None]
-    return still_gop(colour.astype(np.float32))
+    placed = start.place(middle, where, where, gaussians)
+    for index in sorted({0, len(frames) - 1} - {middle}):
+        here = density(frames[index : index + 1])
+        needed = here * start.uncovered(placed, index)
+        count = int(gaussians * min(needed.sum(), _HOLE_SHARE))
+        if count:
+            # In place of as many from the middle frame.
+            from_middle = np.flatnonzero(placed.frame == middle)
+            dropped = rng.choice(from_middle, count, replace=False)
+            kept = np.delete(np.arange(gaussians), dropped)
+            placed = placed[kept] + start.place(index, needed + 1e-15, here, count)
+    placed = placed[tile_order(placed.position, (frames.shape[2], frames.shape[1]))]
+    return start.gop(placed, start.colours(placed))
 
 
 def random_start(
@@ -119,7 +212,7 @@ def random_start(
     )
 
 
-def _sample_pixels(
+def sample_pixels(
     weights: NDArray[np.float64], count: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
     """Pick `count` pixels by weight; without replacement as long as there are enough."""
@@ -128,28 +221,3 @@ def _sample_pixels(
     # The largest log(u)/w are a sample without replacement (Efraimidis and Spirakis).
     keys = np.log(rng.random(len(weights))) / weights
     return np.concatenate([*repeats, np.argpartition(-keys, max(rest - 1, 0))[:rest]])
-
-
-def fit_motion(
-    frames: Frames | Sequence[Frames],
-    taus: Float32Array,
-    start: int,
-    points: Float32Array,
-    estimate: FlowEstimator,
-) -> tuple[Float32Array, Float32Array]:
-    """Least-squares motion a1 tau + a2 tau^2 of points (N, 2), in [0, 1) of frame `start`.
-
-    Returns:
-        a1 and a2, both (N, 2) in normalised units ([-1, 1] is the frame).
-    """
-    small = [resize(frame, _FLOW_HEIGHT) for frame in frames]
-    tracks = track(small, start, points, estimate)
-    moved = 2 * (tracks - tracks[start])
-    basis = np.stack([taus - taus[start], taus**2 - taus[start] ** 2], 1)
-    # Two frames fix a line only, and so do frames at nearly the same two times.
-    basis = basis[:, : min(2, len(taus) - 1)]
-    solution = np.linalg.pinv(basis, rcond=_LEAST_CONDITION).astype(np.float32)
-    motion = np.tensordot(solution, moved, axes=(1, 0))
-    if len(motion) == 1:
-        motion = np.concatenate([motion, np.zeros_like(motion)])
-    return np.ascontiguousarray(motion[0]), np.ascontiguousarray(motion[1])

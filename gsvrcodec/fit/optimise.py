@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.relocate import relocate
 from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.native import _core
 
 Frames = NDArray[np.uint8]
 Tensors = dict[str, Tensor]
@@ -24,26 +26,47 @@ Tensors = dict[str, Tensor]
 class Recipe:
     """Learning rates and schedule. Rates are Adam's, in the units of the raw parameters."""
 
-    rates: dict[str, float]
-    betas: tuple[float, float] = (0.9, 0.99)
-    final_rate: float = 0.02  #: of the initial rate, at the end of the cosine
-    coarse: float = 0.5  #: part of the effort spent at half resolution
+    #: of each attribute, or of each of its components
+    rates: Mapping[str, float | tuple[float, ...]]
+    #: rates of positions and of their offsets are px of the frame, not halves of it
+    in_pixels: bool
+    #: longest fit that the rates are for; n times as many steps take rates a root of n smaller
+    rated_steps: float
+    betas: tuple[float, float]
+    decay: Callable[[float], float]  #: factor of the rates, by the part of the effort spent
+    coarse: float  #: part of the effort spent at half resolution
+    relocations: tuple[float, ...]  #: parts of the effort after which weak Gaussians move
     coarse_min_side: int = 128  #: smaller frames are fitted at full resolution only
+
+
+def _linear(spent: float) -> float:
+    return 1 - 0.98 * spent
+
+
+def _cosine(spent: float) -> float:
+    return 0.02 + 0.98 * (1 + math.cos(math.pi * spent)) / 2
 
 
 MAIN = Recipe(
     rates={
-        "position": 0.002,
-        "log_scale": 0.04,
-        "rotation": 0.04,
+        "position": 0.9,
+        "log_scale": 0.08,
+        "rotation": 0.08,
         "colour": 0.02,
         "alpha": 0.04,
-        "linear": 0.0008,
-        "quadratic": 0.0008,
-        "xy": 0.02,
-        "xt": 0.02,
-        "yt": 0.02,
-    }
+        "linear": 0.36,
+        "quadratic": 0.36,
+        # Offsets of position and scale (px), rotation and colour.
+        "xy": (2.2, 2.2, 0.05, 0.05, 0.005, 0.005, 0.005, 0.005),
+        "xt": 0.08,
+        "yt": 0.08,
+    },
+    in_pixels=True,
+    rated_steps=700,
+    betas=(0.9, 0.98),
+    decay=_linear,
+    coarse=0.5,
+    relocations=(0.15, 0.3, 0.45),
 )
 
 #: The publication's rates; no coarse stage.
@@ -52,9 +75,63 @@ PAPER = Recipe(
         **dict.fromkeys(("position", "log_scale", "rotation", "colour"), 0.01),
         **dict.fromkeys(("alpha", "linear", "quadratic", "xy", "xt", "yt"), 0.0025),
     },
+    in_pixels=False,
+    rated_steps=math.inf,
     betas=(0.9, 0.999),
+    decay=_cosine,
     coarse=0.0,
+    relocations=(),
 )
+
+#: Attributes whose first two components are lengths along x and y.
+_LENGTHS = frozenset(("position", "linear", "quadratic", "xy"))
+
+
+class _Adam:
+    """Adam with a rate for each component of an attribute."""
+
+    _EPSILON = 1e-15
+
+    def __init__(self, raw: Tensors, recipe: Recipe, size: tuple[int, int], threads: int) -> None:
+        self._raw, self._betas, self._threads = raw, recipe.betas, threads
+        self._steps = 0
+        self._mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
+        self._square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
+        self._rates = {}
+        for name, tensor in raw.items():
+            components = tensor.shape[-1] if tensor.dim() > 1 else 1
+            rates = np.full(components, recipe.rates[name], np.float32)
+            if recipe.in_pixels and name in _LENGTHS:
+                rates[:2] /= np.array(size, np.float32) / 2
+            self._rates[name] = rates
+
+    def step(self, factor: float) -> None:
+        """Follow the gradients, at `factor` of the rates, and forget them."""
+        self._steps += 1
+        for name, tensor in self._raw.items():
+            _core.adam_step(
+                tensor.detach(),
+                tensor.grad,
+                self._mean[name],
+                self._square[name],
+                self._rates[name] * np.float32(factor),
+                *self._betas,
+                self._EPSILON,
+                self._steps,
+                self._threads,
+            )
+            tensor.grad = None
+
+    def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_]) -> None:
+        """Keep step with Gaussians in a new order, some of which start anew."""
+        for name in self._raw.keys() - {"xy", "xt", "yt"}:
+            for moments in (self._mean[name], self._square[name]):
+                moments.copy_(moments[order])
+                moments[moved] = 0.0
+
+
+#: Steps after which their pace is known.
+_FORESEEN_FROM = 10
 
 
 class Effort:
@@ -73,6 +150,13 @@ class Effort:
         if self._seconds is None:
             return self._step / self._steps
         return (time.perf_counter() - self._start) / self._seconds
+
+    @property
+    def expected_steps(self) -> float:
+        """Steps of the whole effort; foreseen from those taken so far when it goes by time."""
+        if self._seconds is None or self._step < _FORESEEN_FROM:
+            return self._steps
+        return self._step / self.spent
 
 
 def optimise(
@@ -102,28 +186,26 @@ def optimise(
     """
     height, width = frames.shape[1:3]
     coarse = _half(frames) if min(height, width) >= recipe.coarse_min_side else frames
-    groups = [
-        {"params": [tensor], "lr": recipe.rates[name], "rate": recipe.rates[name]}
-        for name, tensor in field.raw.items()
-    ]
-    adam = torch.optim.Adam(groups, betas=recipe.betas, eps=1e-15, fused=True)
+    adam = _Adam(field.raw, recipe, (width, height), threads)
     order: Iterator[int] = iter(())
+    relocations = iter(recipe.relocations)
+    relocation = next(relocations, 1.0)
     while (spent := effort.spent) < 1.0:
+        if spent >= relocation:
+            relocation = next(relocations, 1.0)
+            adam.rearrange(*relocate(field, coarse, taus, (width, height), rng, threads))
         index = next(order, None)
         if index is None:
             order = iter(rng.permutation(len(frames)).tolist())
             index = next(order)
-        decay = (1 + math.cos(math.pi * spent)) / 2
-        for group in adam.param_groups:
-            group["lr"] = group["rate"] * (recipe.final_rate + (1 - recipe.final_rate) * decay)
         target = coarse[index] if spent < recipe.coarse else frames[index]
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
         loss = squared_error(tensors, float(taus[index]), target, (width, height), threads)
         loss.backward()  # type: ignore[no-untyped-call]
-        adam.step()
-        adam.zero_grad()
+        patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
+        adam.step(recipe.decay(spent) * patience)
         effort.advance()
 
 

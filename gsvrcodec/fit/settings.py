@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args, get_type_hints
 
 from gsvrcodec.errors import UsageError
+from gsvrcodec.limits import Limits
 
 Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
 Profile = Literal["main", "paper"]
 Deform = Literal["hybrid", "triplane", "polynomial"]
 Flow = Literal["dis", "raft"]
-Pack = Literal["auto", "jxl", "png", "deflate"]
+Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +57,10 @@ class EncodeSettings:
             value = getattr(self, name)
             if isinstance(value, int) and value < low:
                 raise UsageError(f"--{name.replace('_', '-')} must be at least {low}, not {value}")
+        for name, high in _HIGHEST.items():
+            value = getattr(self, name)
+            if isinstance(value, int) and value > high:
+                raise UsageError(f"--{name.replace('_', '-')} must be at most {high}, not {value}")
         if self.time_budget is not None and not 0 < self.time_budget < float("inf"):
             raise UsageError(f"--time-budget must be above 0 seconds, not {self.time_budget}")
         if self.gop != "adaptive" and not isinstance(self.gop, int):
@@ -83,4 +88,10 @@ _LOWEST = {
     "threads": 0,
     "start_frame": 0,
     "frames": 1,
+}
+#: What decoders take without being told otherwise.
+_HIGHEST = {
+    "gaussians": Limits().gaussians,
+    "gop": Limits().gop_frames,
+    "gop_max": Limits().gop_frames,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 
@@ -12,13 +13,13 @@ from gsvrcodec.container.gop_head import GOP_HEAD_BYTES, GopHead, parse_gop_head
 from gsvrcodec.container.header import Header
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, Attribute, expected_planes
+from gsvrcodec.model.attributes import ATTRIBUTES, Attribute, Grid, expected_planes, plane_size
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.model.quantise import Quantiser
 from gsvrcodec.model.timing import Ticks, pack_timing, unpack_timing
-from gsvrcodec.planes import PACKS, Codec, decode_plane, encode_plane
+from gsvrcodec.planes import PACKS, Codec, PlaneStack, decode_plane, encode_plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +59,7 @@ def pack_gop(
     order = strip_order(gop.position)
     table: list[bytes] = []
     planes: list[bytes] = []
+    stacks = _plane_stacks(gaussians, grid)
     for attribute, part, width, height in expected_planes(gaussians, grid):
         values = _component(gop, attribute, part)
         quantiser = _quantiser(values, attribute, bits[attribute.name])
@@ -65,7 +67,9 @@ def pack_gop(
             # The last Gaussian again in the cells that N does not fill; decoders drop them.
             values = np.pad(values[order], (0, width * height - gaussians), mode="edge")
         codes = quantiser.quantise(values).reshape(height, width)
-        codec, data = encode_plane(codes, quantiser.bits, codecs)
+        stack = stacks[attribute.grid]
+        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.earlier)
+        stack.append(codes)
         entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
         table.append(entry.to_bytes())
         planes.append(data)
@@ -95,17 +99,30 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     head.check_grid(header)
     pts, durations, entries, offset = _parse(payload, head, limits)
     limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
+    for entry in entries:
+        limits.check(
+            "plane_samples", entry.width * entry.height, "the number of samples of a plane"
+        )
     values: dict[str, Float32Array] = {}
+    stacks = _plane_stacks(head.gaussians, head.grid)
     for entry in entries:
         attribute = entry.attribute
+        stack = stacks[attribute.grid]
         data = payload[offset : offset + entry.size]
         offset += entry.size
         try:
             codes = decode_plane(
-                entry.codec, data, entry.width, entry.height, entry.quantiser.bits, limits
+                entry.codec,
+                data,
+                entry.width,
+                entry.height,
+                entry.quantiser.bits,
+                limits,
+                stack.earlier,
             )
         except CorruptError as error:
             raise CorruptError(f"plane {entry.name}: {error.message}") from error
+        stack.append(codes)
         plane = entry.quantiser.dequantise(codes)
         if attribute.grid == "gaussians":
             plane = plane.reshape(-1)[: head.gaussians]
@@ -173,6 +190,17 @@ def _parse(
     if end != len(payload):
         raise CorruptError(f"planes end at byte {end} of a GOP of {len(payload)} bytes")
     return pts, durations, entries, offset
+
+
+def _plane_stacks(gaussians: int, grid: tuple[int, int, int]) -> dict[Grid, PlaneStack]:
+    """An empty stack for the planes of each grid that the GOP has."""
+    count = Counter(attribute.grid for attribute, *_ in expected_planes(gaussians, grid))
+    stacks = {}
+    for kind, planes in count.items():
+        width, height = plane_size(kind, gaussians, grid)
+        # Along a row of Gaussians x rises, from the left to the right of the picture.
+        stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
+    return stacks
 
 
 def _component(gop: Gop, attribute: Attribute, part: int) -> NDArray[np.floating]:

@@ -1,7 +1,8 @@
 // Adam. Included by kernels.cpp.
 
 void adam(float *value, const float *gradient, float *mean, float *square, std::int64_t n,
-          const float *rate, int period, float beta1, float beta2, float correction, float epsilon) {
+          const float *rate, int period, float beta1, float beta2, float correction,
+          float epsilon) {
     const FlushDenormals flush;
     std::int64_t at = 0;  // in the pattern of rates, which is `period` vectors long
     const auto step = [&](float *p, const float *g, float *m, float *v, vf lr) {

@@ -29,7 +29,8 @@ void bench_plain(const Model &model, Size size, int threads, std::uint8_t *out) 
     static std::vector<std::vector<std::vector<int>>> lists;
     splats.resize(model.n);
     parallel_for((model.n + kChunk - 1) / kChunk, threads, [&](int job, int) {
-        k.project(model, size, job * kChunk, std::min(job * kChunk + kChunk, model.n), splats.data());
+        k.project(model, size, job * kChunk, std::min(job * kChunk + kChunk, model.n),
+                  splats.data());
     });
     const int columns = (size.width + kTileWidth - 1) / kTileWidth;
     lists.resize(threads);
@@ -41,11 +42,12 @@ void bench_plain(const Model &model, Size size, int threads, std::uint8_t *out) 
         for (int i = 0; i < model.n; ++i) {
             const PlainSplat &s = splats[i];
             if (s.row_begin >= y + kTileHeight || s.row_end <= y) continue;
-            for (int x = s.x_begin / kTileWidth; x * kTileWidth < s.x_end; ++x) tiles[x].push_back(i);
+            for (int x = s.x_begin / kTileWidth; x * kTileWidth < s.x_end; ++x)
+                tiles[x].push_back(i);
         }
         for (int x = 0; x < columns; ++x)
-            k.tile(splats.data(), tiles[x].data(), static_cast<int>(tiles[x].size()), x * kTileWidth, y, size,
-                   out);
+            k.tile(splats.data(), tiles[x].data(), static_cast<int>(tiles[x].size()),
+                   x * kTileWidth, y, size, out);
     });
 }
 

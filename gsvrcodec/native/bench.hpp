@@ -26,7 +26,8 @@ struct BenchKernels {
     const char *isa;
     void (*project)(const Model &, Size, int begin, int end, PlainSplat *);
     // One tile whose first pixel is (x, y), to interleaved samples.
-    void (*tile)(const PlainSplat *, const int *list, int count, int x, int y, Size, std::uint8_t *out);
+    void (*tile)(const PlainSplat *, const int *list, int count, int x, int y, Size,
+                 std::uint8_t *out);
     // Multiply-adds done in `rounds` rounds; `sink` keeps the compiler from dropping them.
     double (*multiply_add)(std::int64_t rounds, float *sink);
 };

@@ -1,7 +1,7 @@
 // The plain rasteriser and the multiply-add loop of one instruction set, see bench.hpp.
 #include "bench.hpp"
 
-#include <cstring>
+#include <cstddef>
 
 #if defined(__SSE2__)
 #include <immintrin.h>
@@ -28,11 +28,7 @@ static inline float plain_exp(float x) {
     p = p * f + 2.402211972e-1f;
     p = p * f + 6.931469671e-1f;
     p = p * f + 1.0f;
-    int code;
-    std::memcpy(&code, &p, sizeof code);
-    code += whole << 23;
-    std::memcpy(&p, &code, sizeof code);
-    return p;
+    return __builtin_bit_cast(float, __builtin_bit_cast(int, p) + whole * (1 << 23));
 }
 
 void plain_project(const Model &m, Size size, int begin, int end, PlainSplat *splats) {
@@ -47,11 +43,20 @@ void plain_project(const Model &m, Size size, int begin, int end, PlainSplat *sp
         const float inverse = 1.0f / (xx * yy - xy * xy);
         const float cx = (m.position[2 * i] + 1.0f) * 0.5f * width;
         const float cy = (m.position[2 * i + 1] + 1.0f) * 0.5f * height;
-        const float rx = __builtin_sqrtf(2.0f * kSupport * xx), ry = __builtin_sqrtf(2.0f * kSupport * yy);
-        splats[i] = {cx, cy, yy * inverse, -xy * inverse, xx * inverse,
-                     m.colour[3 * i], m.colour[3 * i + 1], m.colour[3 * i + 2],
-                     static_cast<int>(max(cx - rx, 0.0f)), static_cast<int>(min(cx + rx + 1.0f, width)),
-                     static_cast<int>(max(cy - ry, 0.0f)), static_cast<int>(min(cy + ry + 1.0f, height))};
+        const float rx = __builtin_sqrtf(2.0f * kSupport * xx),
+                    ry = __builtin_sqrtf(2.0f * kSupport * yy);
+        splats[i] = {cx,
+                     cy,
+                     yy * inverse,
+                     -xy * inverse,
+                     xx * inverse,
+                     m.colour[3 * i],
+                     m.colour[3 * i + 1],
+                     m.colour[3 * i + 2],
+                     static_cast<int>(max(cx - rx, 0.0f)),
+                     static_cast<int>(min(cx + rx + 1.0f, width)),
+                     static_cast<int>(max(cy - ry, 0.0f)),
+                     static_cast<int>(min(cy + ry + 1.0f, height))};
     }
 }
 
@@ -67,8 +72,7 @@ void plain_tile(const PlainSplat *splats, const int *list, int count, int x, int
             for (int i = 0; i < kTileWidth; ++i) {
                 const float dx = static_cast<float>(x + i) + 0.5f - s.cx;
                 const float exponent = 0.5f * (s.a * dx * dx + s.c * dy * dy) + s.b * dx * dy;
-                const float e = plain_exp(-min(exponent, 80.0f));
-                const float w = exponent < kSupport ? e - kCutoff : 0.0f;
+                const float w = max(plain_exp(-min(exponent, 80.0f)) - kCutoff, 0.0f);
                 red[i] += w * s.red;
                 green[i] += w * s.green;
                 blue[i] += w * s.blue;

@@ -1,8 +1,9 @@
 // The columns of a block's splats, kLanes splats at a time. Included by kernels.cpp.
 //
 // A column is kColumns neighbouring pixels wide and runs down one band; a vector covers kRows of
-// its rows. Finding where it starts and ends costs more than a few of its rows, so it is done for
-// kLanes splats together.
+// its rows. Where columns start and end, and their first vectors, are worked out for many of them
+// before any is run: running one ends in a branch that the processor cannot predict, and nothing
+// long should wait behind it.
 
 constexpr int kColumns = kLanes < kStripWidth ? kLanes : kStripWidth;
 constexpr int kRows = kLanes / kColumns;
@@ -11,7 +12,8 @@ constexpr int kBandRows = 32 * kRows;
 
 // The recurrence e(y+1) = e(y) r(y), r(y+1) = r(y) decay cannot start from an e that underflows
 // (thin tilted Gaussians): a column with a larger exponent takes an exponential a row instead.
-constexpr float kRecurrenceLimit = 60.0f;
+constexpr float kRecurrenceLimit = 86.0f;
+constexpr float kEnd = kSupport * kLog2E;  // the exponent at a splat's edge
 
 template <int... Lane>
 constexpr vi lane_index(std::integer_sequence<int, Lane...>) {
@@ -28,57 +30,50 @@ static inline vi end_inside(vf edge, float size) {
     return truncate(min(max(edge + 0.5f, vf{}), splat(size)));
 }
 
-struct Column {
-    float dx, u;      // of its first pixel, see Splats
-    int x, row;       // of its first pixel; row is a multiple of kRows
-    int steps;        // vectors
-    bool recurrence;  // whether the recurrence holds
+// Columns to run.
+struct alignas(64) Columns {
+    static constexpr int kCapacity = 128;
+    float dx[kCapacity], u[kCapacity];  // of the first pixel, see Splats
+    int x[kCapacity], row[kCapacity];   // of the first pixel; row is a multiple of kRows
+    int steps[kCapacity];               // vectors; negated when the recurrence does not hold
+    int lane[kCapacity];                // of the block
+    vf e[kCapacity], r[kCapacity];      // first values of the recurrence
+    int count;
 };
 
-// Calls body(lane of the block, column) for every column of the block in band rows [begin, end).
-template <class Body>
-static inline void for_columns(const Splats &s, Extent band, Body body) {
-    for (int half = 0; half < kBlock; half += kLanes) {
-        const vi begin = max(load(s.row_begin + half), splat(band.begin));
-        const vi end = min(load(s.row_end + half), splat(band.end));
-        const vi present = begin < end;
-        if (!bits(present)) continue;
-        const vf cx = load(s.cx + half), cy = load(s.cy + half), slope = load(s.slope + half);
-        const vf across = load(s.across + half), down = load(s.down + half);
-        const vf low_x = load(s.low_x + half);
-        const vf row_first = to_float(begin), row_last = to_float(end);
-        const vi x_end = load(s.x_end + half);
-        alignas(64) float dx[kLanes], u[kLanes];
-        alignas(64) int xs[kLanes], rows[kLanes], steps[kLanes];
-        for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kColumns) {
-            const vf first = to_float(x) + 0.5f - cx, last = first + static_cast<float>(kColumns - 1);
-            // The ellipse's lower and upper edge over [first, last] are extreme where its vertical
-            // extremes are, or at the end nearest to them.
-            const vf low_at = min(max(low_x, first), last), high_at = min(max(-low_x, first), last);
-            const vf low = cy + slope * low_at + sqrt(max(kSupport - across * low_at * low_at, vf{}) / down);
-            const vf high = cy + slope * high_at - sqrt(max(kSupport - across * high_at * high_at, vf{}) / down);
-            const vi top = truncate(min(max(high + (0.9999f - 0.5f), row_first), row_last)) & -kRows;
-            const vi bottom = truncate(min(max(low + 0.5f, row_first), row_last));
-            const vi active = present & (x < x_end) & (top < bottom);
-            const vi count = (bottom - top + (kRows - 1)) / kRows;
-            // The exponent at the corners of the column.
-            const vf dy = to_float(top) + 0.5f - cy;
-            const vf tall = to_float(count * kRows - 1);
-            const vf u0 = dy - slope * first, u1 = dy - slope * last;
-            const vf reach = max(max(absolute(u0), absolute(u1)), max(absolute(u0 + tall), absolute(u1 + tall)));
-            const vf wide = max(absolute(first), absolute(last));
-            const unsigned recurrent = bits(across * wide * wide + down * reach * reach < kRecurrenceLimit);
-            store(dx, first);
-            store(u, u0);
-            store(xs, x);
-            store(rows, top);
-            store(steps, count);
-            for (unsigned todo = bits(active); todo; todo &= todo - 1) {
-                const int l = __builtin_ctz(todo);
-                body(half + l, Column{dx[l], u[l], xs[l], rows[l], steps[l], (recurrent >> l & 1) != 0});
-            }
-        }
+// Adds the lanes of `mask`; there must be room for kLanes.
+static inline void append(Columns &c, unsigned mask, vf dx, vf u, vi x, vi row, vi steps, vi lane) {
+    const int n = c.count;
+    c.count += __builtin_popcount(mask);
+#if defined(__AVX512F__)
+    const auto put = [&](void *to, __m512i v) {
+        _mm512_storeu_si512(to, _mm512_maskz_compress_epi32(static_cast<__mmask16>(mask), v));
+    };
+    put(c.dx + n, (__m512i)dx);
+    put(c.u + n, (__m512i)u);
+    put(c.x + n, (__m512i)x);
+    put(c.row + n, (__m512i)row);
+    put(c.steps + n, (__m512i)steps);
+    put(c.lane + n, (__m512i)lane);
+#else
+    alignas(64) float dxs[kLanes], us[kLanes];
+    alignas(64) int xs[kLanes], rows[kLanes], counts[kLanes], lanes[kLanes];
+    store(dxs, dx);
+    store(us, u);
+    store(xs, x);
+    store(rows, row);
+    store(counts, steps);
+    store(lanes, lane);
+    for (int to = n; mask; mask &= mask - 1, ++to) {
+        const int l = __builtin_ctz(mask);
+        c.dx[to] = dxs[l];
+        c.u[to] = us[l];
+        c.x[to] = xs[l];
+        c.row[to] = rows[l];
+        c.steps[to] = counts[l];
+        c.lane[to] = lanes[l];
     }
+#endif
 }
 
 // Offsets of a vector's pixels from its first.
@@ -93,24 +88,86 @@ constexpr vf pixel_y(std::integer_sequence<int, Lane...>) {
 static constexpr vf kPixelX = pixel_x(AllLanes{});
 static constexpr vf kPixelY = pixel_y(AllLanes{});
 
-// Calls body(e), e = exp(-exponent), for each vector down a column.
+static inline vf column_u(const Splats &s, const Columns &c, int n) {
+    return (c.u[n] + kPixelY) - s.slope[c.lane[n]] * kPixelX;
+}
+
+// Runs the columns gathered so far: run(), then none are left.
+template <class Run>
+static inline void flush(const Splats &s, Columns &c, Run run) {
+    for (int n = 0; n < c.count; ++n) {
+        const float down = s.down[c.lane[n]];
+        const vf dx = c.dx[n] + kPixelX, u = column_u(s, c, n);
+        c.e[n] = exp2(-(s.across[c.lane[n]] * dx * dx + down * u * u));
+        c.r[n] = exp2((-2.0f * kRows * down) * (u + 0.5f * kRows));
+    }
+    run();
+    c.count = 0;
+}
+
+// Calls run() with columns [0, c.count) made ready, again and again until it has had every column
+// of the block in the rows of a band. Their order depends on nothing else.
+template <class Run>
+static inline void for_columns(const Splats &s, Extent band, Columns &c, Run run) {
+    c.count = 0;
+    for (int half = 0; half < kBlock; half += kLanes) {
+        const vi begin = max(load(s.row_begin + half), splat(band.begin));
+        const vi end = min(load(s.row_end + half), splat(band.end));
+        const vi present = begin < end;
+        if (!bits(present)) continue;
+        const vf cx = load(s.cx + half), cy = load(s.cy + half), slope = load(s.slope + half);
+        const vf across = load(s.across + half), down = load(s.down + half);
+        const vf bend = 1.0f / down, low_x = load(s.low_x + half);
+        const vf row_first = to_float(begin), row_last = to_float(end);
+        const vi x_end = load(s.x_end + half);
+        for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kColumns) {
+            const vf first = to_float(x) + 0.5f - cx,
+                     last = first + static_cast<float>(kColumns - 1);
+            // The ellipse's lower and upper edge over [first, last] are extreme where its vertical
+            // extremes are, or at the end nearest to them.
+            const vf low_at = min(max(low_x, first), last), high_at = min(max(-low_x, first), last);
+            const vf low =
+                cy + slope * low_at + sqrt(max(kEnd - across * low_at * low_at, vf{}) * bend);
+            const vf high =
+                cy + slope * high_at - sqrt(max(kEnd - across * high_at * high_at, vf{}) * bend);
+            const vi top =
+                truncate(min(max(high + (0.9999f - 0.5f), row_first), row_last)) & -kRows;
+            const vi bottom = truncate(min(max(low + 0.5f, row_first), row_last));
+            const vi active = present & (x < x_end) & (top < bottom);
+            const vi steps = (bottom - top + (kRows - 1)) / kRows;
+            // The exponent at the corners of the column.
+            const vf dy = to_float(top) + 0.5f - cy;
+            const vf tall = to_float(steps * kRows - 1);
+            const vf u0 = dy - slope * first, u1 = dy - slope * last;
+            const vf reach =
+                max(max(absolute(u0), absolute(u1)), max(absolute(u0 + tall), absolute(u1 + tall)));
+            const vf wide = max(absolute(first), absolute(last));
+            const vi holds = across * wide * wide + down * reach * reach < kRecurrenceLimit;
+            if (c.count + kLanes > Columns::kCapacity) flush(s, c, run);
+            append(c, bits(active), first, u0, x, top, holds ? steps : -steps, kLaneIndex + half);
+        }
+    }
+    flush(s, c, run);
+}
+
+// Calls body(e), e the weight before the cut-off, for each vector down a column.
 template <class Body>
-static inline void for_steps(const Splats &s, int l, const Column &c, Body body) {
-    const vf dx = c.dx + kPixelX;
-    vf u = (c.u + kPixelY) - s.slope[l] * kPixelX;
-    const vf fixed = -(s.across[l] * dx * dx);
-    const float down = s.down[l];
-    if (__builtin_expect(c.recurrence, 1)) {
-        vf e = exp(fixed - down * u * u);
-        vf r = exp((-2.0f * kRows * down) * (u + 0.5f * kRows));
+static inline void for_steps(const Splats &s, const Columns &c, int n, Body body) {
+    const int l = c.lane[n];
+    int steps = c.steps[n];
+    if (__builtin_expect(steps > 0, 1)) {
+        vf e = c.e[n], r = c.r[n];
         const float decay = s.decay[l];
-        for (int step = c.steps; step > 0; --step) {
+        for (; steps > 0; --steps) {
             body(e);
             e *= r;
             r *= decay;
         }
     } else {
-        for (int step = c.steps; step > 0; --step, u += static_cast<float>(kRows))
-            body(exp(max(fixed - down * u * u, splat(-80.0f))));
+        const vf dx = c.dx[n] + kPixelX;
+        const vf fixed = s.across[l] * dx * dx;
+        vf u = column_u(s, c, n);
+        for (; steps < 0; ++steps, u += static_cast<float>(kRows))
+            body(exp2(-min(fixed + s.down[l] * u * u, splat(120.0f))));
     }
 }

@@ -15,8 +15,9 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
     const std::size_t row = static_cast<std::size_t>(setting.size.width) * 3;
     const auto render_one = [&](int index, int within, Workspace &space) {
         const Scene scene(setting, taus[index], within, space);
-        scene.for_bands(nullptr, [&](int, Extent rows, const Pixels &pixels) {
-            const std::size_t first = static_cast<std::size_t>(index) * setting.size.height + rows.begin;
+        scene.render([&](int, Extent rows, const Pixels &pixels) {
+            const std::size_t first =
+                static_cast<std::size_t>(index) * setting.size.height + rows.begin;
             to_samples(pixels, scene.frame(), rows, out + first * row);
         });
     };
@@ -24,7 +25,8 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
     if (threads > 1 && frames >= threads) {
         std::vector<Borrowed> spaces(threads);
         for (const Borrowed &space : spaces) Scene::reserve(setting, 1, *space);
-        parallel_for(frames, threads, [&](int index, int worker) { render_one(index, 1, *spaces[worker]); });
+        parallel_for(frames, threads,
+                     [&](int index, int worker) { render_one(index, 1, *spaces[worker]); });
     } else {
         const Borrowed space;
         Scene::reserve(setting, threads, *space);
@@ -50,32 +52,28 @@ void backward_float(const Model &model, float tau, Size size, Size coded, int th
                     const float *weights, const Model &gradient) {
     const Setting setting{model, size, coded, kernels()};
     const Borrowed space;
-    Scene::reserve_backward(setting, *space);
+    Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);
-    float *whole = space->pixels.get();
-    parallel_for(setting.bands(), threads, [&](int index, int) {
-        const Extent rows = setting.band(index);
+    scene.backward(false, gradient, [&](int, Extent rows, const Pixels &pixels) {
         setting.kernels.from_float(weights + static_cast<std::size_t>(rows.begin) * size.width * 3,
-                                   scene.frame(), rows, {whole, 0, setting.padded(size.height)});
+                                   scene.frame(), rows, pixels);
     });
-    scene.backward(whole, gradient);
 }
 
 double squared_error(const Model &model, float tau, Size size, Size coded, int threads,
                      const std::uint8_t *target, const Model &gradient) {
     const Setting setting{model, size, coded, kernels()};
     const Borrowed space;
-    Scene::reserve_backward(setting, *space);
+    Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);
-    float *whole = space->pixels.get();
-    double *sums = space->sums.get();
+    double *sums = space->sums.reserve(setting.bands());
     const double samples = 3.0 * size.width * size.height;
-    scene.for_bands(whole, [&](int index, Extent rows, const Pixels &pixels) {
-        sums[index] = setting.kernels.residual(
-            pixels, scene.frame(), rows, target + static_cast<std::size_t>(rows.begin) * size.width * 3,
-            static_cast<float>(2.0 / samples));
+    scene.backward(true, gradient, [&](int index, Extent rows, const Pixels &pixels) {
+        sums[index] =
+            setting.kernels.residual(pixels, scene.frame(), rows,
+                                     target + static_cast<std::size_t>(rows.begin) * size.width * 3,
+                                     static_cast<float>(2.0 / samples));
     });
-    scene.backward(whole, gradient);
     double total = 0.0;
     for (int band = 0; band < setting.bands(); ++band) total += sums[band];
     return total / samples;

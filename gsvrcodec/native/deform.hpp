@@ -8,10 +8,10 @@ struct Deformed {
     vf scale_base[2];      // exp(log_scale)
     vf scale_sum[2];       // before the minimum is applied
     vf scale[2];
-    vi finite;             // mask: these lanes hold Gaussians, whose scales are finite
-    vf sine, cosine;       // of twice the angle
-    vf spread;             // (s0^2 - s1^2) / 2
-    vf gate;               // 1 - alpha
+    vi finite;                        // mask: these lanes hold Gaussians, whose scales are finite
+    vf sine, cosine;                  // of twice the angle
+    vf spread;                        // (s0^2 - s1^2) / 2
+    vf gate;                          // 1 - alpha
     vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the rendered frame
     vf inverse_xx, inverse_xy, inverse_yy;
 };
@@ -26,13 +26,14 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
         for (vf &offset : d.offset) offset = vf{};
     const Fields<2> log_scale = load_fields<2>(model.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {
-        d.scale_base[k] = exp(max(min(log_scale.column[k], splat(20.0f)), splat(-20.0f)));
+        d.scale_base[k] = exp2(kLog2E * max(min(log_scale.column[k], splat(20.0f)), splat(-20.0f)));
         d.scale_sum[k] = d.scale_base[k] + d.offset[2 + k];
         d.scale[k] = max(d.scale_sum[k], splat(kMinScale));
         // A scale that is not finite must not become the minimum.
         d.finite &= is_finite(log_scale.column[k]) & is_finite(d.offset[2 + k]);
     }
-    sincos(2.0f * (load_fields<1>(model.rotation, i, count).column[0] + d.offset[4]), d.sine, d.cosine);
+    sincos(2.0f * (load_fields<1>(model.rotation, i, count).column[0] + d.offset[4]), d.sine,
+           d.cosine);
     d.gate = 1.0f - load_fields<1>(model.alpha, i, count).column[0];
 
     const vf s0 = d.scale[0] * d.scale[0], s1 = d.scale[1] * d.scale[1];
@@ -52,8 +53,8 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
 }
 
 // Splats of kLanes Gaussians from i on, the first `count` of them real, to lanes from l on.
-static inline void project_lanes(const Model &model, const Frame &frame, int i, int count, Splats &out,
-                                 int l) {
+static inline void project_lanes(const Model &model, const Frame &frame, int i, int count,
+                                 Splats &out, int l) {
     const Deformed d = deform(model, frame, i, count);
     const Fields<2> linear = load_fields<2>(model.linear, i, count);
     const Fields<2> quadratic = load_fields<2>(model.quadratic, i, count);
@@ -65,17 +66,18 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
                       quadratic.column[k] * (frame.tau * frame.tau) + d.gate * d.offset[k];
         centre[k] = (mu + 1.0f) * (0.5f * (k ? height : width));
     }
-    const vf reach_x = sqrt(2.0f * kSupport * d.sigma_xx), reach_y = sqrt(2.0f * kSupport * d.sigma_yy);
+    const vf reach_x = sqrt(2.0f * kSupport * d.sigma_xx),
+             reach_y = sqrt(2.0f * kSupport * d.sigma_yy);
     const vf slope = d.sigma_xy / d.sigma_xx;
-    const vf across = 0.5f / d.sigma_xx, down = 0.5f * d.inverse_yy;
+    const vf across = 0.5f * kLog2E / d.sigma_xx, down = 0.5f * kLog2E * d.inverse_yy;
 
     // Written so that NaN and infinity anywhere make an empty splat; the limits keep every later
     // sum of squares finite.
     constexpr float kFar = 1e6f;
-    vi drawn = d.finite & (reach_x < kFar) & (reach_y < kFar) &
-               (absolute(centre[0]) < kFar) & (absolute(centre[1]) < kFar) &
-               (absolute(slope) < kFar) & (across < kFar * kFar) & (down < kFar * kFar) &
-               (centre[0] + reach_x >= 0.0f) & (centre[0] - reach_x <= width);
+    vi drawn = d.finite & (reach_x < kFar) & (reach_y < kFar) & (absolute(centre[0]) < kFar) &
+               (absolute(centre[1]) < kFar) & (absolute(slope) < kFar) & (across < kFar * kFar) &
+               (down < kFar * kFar) & (centre[0] + reach_x >= 0.0f) &
+               (centre[0] - reach_x <= width);
     for (int k = 0; k < 3; ++k) {
         const vf c = colour.column[k] + d.offset[5 + k];
         drawn &= is_finite(c);
@@ -87,7 +89,7 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     store(out.slope + l, slope);
     store(out.across + l, across);
     store(out.down + l, down);
-    store(out.decay + l, exp(-min((2.0f * kRows * kRows) * down, splat(80.0f))));
+    store(out.decay + l, exp2(-min((2.0f * kRows * kRows) * down, splat(120.0f))));
     store(out.low_x + l, d.sigma_xy / d.sigma_yy * reach_y);
     store(out.x_begin + l, first_inside(centre[0] - reach_x, width) & -kColumns & drawn);
     store(out.x_end + l, end_inside(centre[0] + reach_x, width) & drawn);
@@ -96,7 +98,7 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
 }
 
 void project(const Model &model, const Frame &frame, int begin, int end, Splats *splats,
-             Extent *extents) {
+             BlockRows *rows) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         Splats &out = splats[block];
@@ -104,12 +106,13 @@ void project(const Model &model, const Frame &frame, int begin, int end, Splats 
             const int i = block * kBlock + l;
             project_lanes(model, frame, i, max(min(model.n - i, kLanes), 0), out, l);
         }
-        Extent extent = {frame.height, 0};
+        int first = frame.height, last = 0;
         for (int l = 0; l < kBlock; ++l) {
             const bool drawn = out.row_begin[l] < out.row_end[l];
-            extent.begin = drawn ? min(extent.begin, out.row_begin[l]) : extent.begin;
-            extent.end = drawn ? max(extent.end, out.row_end[l]) : extent.end;
+            first = drawn ? min(first, out.row_begin[l]) : first;
+            last = drawn ? max(last, out.row_end[l]) : last;
         }
-        extents[block] = extent;
+        rows[block].begin = first;
+        rows[block].end = last;
     }
 }

@@ -12,11 +12,13 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
 
     // Centre: px to normalised units, then along the motion.
     const float tau = frame.tau;
-    const vf gcentre[2] = {d.inverse_xx * mx + d.inverse_xy * my, d.inverse_xy * mx + d.inverse_yy * my};
+    const vf gcentre[2] = {d.inverse_xx * mx + d.inverse_xy * my,
+                           d.inverse_xy * mx + d.inverse_yy * my};
     Fields<2> position, linear, quadratic;
     vf gate{};
     for (int k = 0; k < 2; ++k) {
-        const vf g = where(drawn, gcentre[k] * (0.5f * static_cast<float>(k ? frame.height : frame.width)));
+        const vf g =
+            where(drawn, gcentre[k] * (0.5f * static_cast<float>(k ? frame.height : frame.width)));
         position.column[k] = g;
         linear.column[k] = g * tau;
         quadratic.column[k] = g * (tau * tau);
@@ -45,8 +47,8 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     for (int k = 0; k < 2; ++k) {
         const vf lambda = k ? lambda1 : lambda0;
         const vf spread = 0.5f * (cxx + cyy) + (k ? -along : along);
-        offset[2 + k] = where(drawn & (d.scale_sum[k] >= kMinScale),
-                              d.scale[k] * spread / (lambda * lambda));
+        offset[2 + k] =
+            where(drawn & (d.scale_sum[k] >= kMinScale), d.scale[k] * spread / (lambda * lambda));
         log_scale.column[k] = where(drawn, offset[2 + k] * d.scale_base[k]);
     }
     store_fields<2>(gradient.log_scale, i, count, log_scale);

@@ -6,14 +6,15 @@
 
 namespace gsvr {
 
-constexpr int kChannels = 8;        // dx, dy, dsx, dsy, dtheta, dr, dg, db
+constexpr int kChannels = 8;  // dx, dy, dsx, dsy, dtheta, dr, dg, db
 constexpr float kCutoff = 1.0f / 255.0f;
+constexpr float kLog2E = 1.44269504088896f;
 constexpr float kSupport = 5.541263545158426f;  // ln 255: a Gaussian ends at this exponent
-constexpr float kMinScale = 0.1f;   // px of the coded frame
-constexpr float kDilation = 0.1f;   // px^2 of the coded frame, added to each covariance
-constexpr int kStripWidth = 8;      // columns of a strip
+constexpr float kMinScale = 0.1f;               // px of the coded frame
+constexpr float kDilation = 0.1f;               // px^2 of the coded frame, added to each covariance
+constexpr int kStripWidth = 8;                  // columns of a strip
 constexpr int kRowFloats = 3 * kStripWidth;
-constexpr int kBlock = 16;          // Gaussians whose splats lie together
+constexpr int kBlock = 16;  // Gaussians whose splats lie together
 
 // Parameters of one GOP, or the gradients with respect to them: the arrays of model/gop.py.
 struct Model {
@@ -26,37 +27,47 @@ struct Model {
 struct Frame {
     float tau;
     int width, height, coded_width, coded_height;
-    const float *xt_line;        // (gx, 8): the xt grid at tau
-    const float *yt_line;        // (gy, 8)
+    const float *xt_line;  // (gx, 8): the xt grid at tau
+    const float *yt_line;  // (gy, 8)
 };
 
-// kBlock deformed Gaussians on the frame. With dx, dy from the centre and u = dy - slope dx, the
-// exponent is across dx^2 + down u^2: a sum of squares, which does not cancel when they are thin.
+// kBlock deformed Gaussians on the frame. With dx, dy from the centre and u = dy - slope dx, a
+// weight is 2^-(across dx^2 + down u^2): a sum of squares, which does not cancel when thin.
 struct alignas(64) Splats {
     float cx[kBlock], cy[kBlock];        // centre, px
     float slope[kBlock];                 // of the line that halves the ellipse's columns
     float across[kBlock], down[kBlock];  // px^-2
-    float decay[kBlock];                 // exp(-2 down r^2), r = Kernels::rows
+    float decay[kBlock];                 // 2^(-2 down r^2), r rows to a vector
     float low_x[kBlock];                 // dx of the ellipse's lowest point (largest y), px
     float colour[3][kBlock];
     std::int32_t x_begin[kBlock], x_end[kBlock];      // columns it may touch, on the frame; the
-                                                      // first a multiple of Kernels::columns
+                                                      // first one that begins a vector
     std::int32_t row_begin[kBlock], row_end[kBlock];  // rows; empty when it touches no pixel
 };
 
-// Rows [begin, end) that any of a block's splats touches.
+// Rows [begin, end).
 struct Extent {
     int begin, end;
 };
 
-// Sums over pixels that the backward rasteriser leaves for one Gaussian.
+// Rows that any of a block's splats touches, and where its moments lie: kBlock for each band that
+// it touches, from slot * kBlock on.
+struct BlockRows {
+    int begin, end, slot;
+};
+
+inline int block_bands(const BlockRows &rows, int band_rows) {
+    return rows.begin < rows.end ? (rows.end - 1) / band_rows - rows.begin / band_rows + 1 : 0;
+}
+
+// Sums over pixels of one band that the gradient of one Gaussian is made of.
 struct alignas(32) Moments {
     float colour[3];
     float x, y, xx, xy, yy;
 };
 
 // Rows [first_row, first_row + rows) of a frame, in vertical strips of kStripWidth columns:
-// [strip][row / r][channel][row % r][column], r = Kernels::rows. All rows of a strip lie together,
+// [strip][row / r][channel][row % r][column], r rows to a vector. All rows of a strip lie together,
 // so that a Gaussian's columns lie in few pages and cache lines. first_row and rows are multiples
 // of r. Rows and columns beyond the frame are scratch.
 struct Pixels {
@@ -66,23 +77,25 @@ struct Pixels {
 
 struct Kernels {
     const char *isa;
-    int lanes;
-    int columns, rows;  // neighbouring pixels of one vector; columns * rows = lanes
-    int band_rows;      // rows that are rasterised at once: bounds the recurrence's rounding
-    // Deforms and projects the Gaussians of blocks [begin, end).
-    void (*project)(const Model &, const Frame &, int begin, int end, Splats *, Extent *);
+    int lanes;      // floats of a vector
+    int band_rows;  // rows that are rasterised at once: bounds the recurrence's rounding
+    // Deforms and projects the Gaussians of blocks [begin, end); slots are left as they are.
+    void (*project)(const Model &, const Frame &, int begin, int end, Splats *, BlockRows *);
     // Adds a model's splats to the rows of one band.
-    void (*rasterise)(const Splats *, const Extent *, int blocks, Extent band, Pixels);
-    // Rows [begin, end) to interleaved samples, and back; the samples' first row is `begin`.
+    void (*rasterise)(const Splats *, const BlockRows *, int blocks, Extent band, Pixels);
+    // Rows to interleaved samples, and back; the samples' first row is the first of `rows`.
     void (*to_rgb8)(Pixels, const Frame &, Extent rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, Extent rows, float *out);
     void (*from_float)(const float *in, const Frame &, Extent rows, Pixels);
     // Replaces rows by (clamp(value) - target) * scale; returns the sum of squared residuals.
     double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target, float scale);
-    // Gradients of the Gaussians of blocks [begin, end) from the gradient of the whole frame's
-    // pixels. Plane gradients are added to `xy` and to the lines; the rest goes to `gradient`.
-    void (*backward)(const Model &, const Frame &, const Splats *, const Extent *, Pixels, int begin,
-                     int end, const Model &gradient, float *xy, float *xt_line, float *yt_line);
+    // Moments of a model's splats from the gradient `pixels` of one band.
+    void (*gather)(const Splats *, const BlockRows *, int blocks, Extent band, Pixels, Moments *);
+    // Gradients of the Gaussians of blocks [begin, end) from the moments of all bands. Plane
+    // gradients are added to `xy` and to the lines; the rest is written to `gradient`.
+    void (*backward)(const Model &, const Frame &, const Splats *, const BlockRows *,
+                     const Moments *, int begin, int end, const Model &gradient, float *xy,
+                     float *xt_line, float *yt_line);
     // One Adam step over n numbers. `rate` (bias correction included) has `period` entries and
     // repeats; the second moment is scaled by `correction` before its root.
     void (*adam)(float *value, const float *gradient, float *mean, float *square, std::int64_t n,

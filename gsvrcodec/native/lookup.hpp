@@ -77,9 +77,10 @@ static inline void lookup(const Model &model, const Frame &frame, const Fields<2
 
 // Adds the gradients of the offsets to the grids and to the positions' gradient. Lanes beyond
 // `count` must have a zero gradient.
-static inline void lookup_backward(const Model &model, const Frame &frame, const Fields<2> &position,
-                                   int count, const vf *offset_gradient, float *xy, float *xt_line,
-                                   float *yt_line, Fields<2> &position_gradient) {
+static inline void lookup_backward(const Model &model, const Frame &frame,
+                                   const Fields<2> &position, int count, const vf *offset_gradient,
+                                   float *xy, float *xt_line, float *yt_line,
+                                   Fields<2> &position_gradient) {
     Lookup at;
     find(model, position, at);
     alignas(64) float rows[kLanes * kChannels];
@@ -97,10 +98,13 @@ static inline void lookup_backward(const Model &model, const Frame &frame, const
             add(xt_line + at.x[k][l], gxt * at.x_weight[k][l]);
             add(yt_line + at.y[k][l], gyt * at.y_weight[k][l]);
         }
-        const v8 top_left = load8(model.xy + at.xy[0][l]), top_right = load8(model.xy + at.xy[1][l]);
+        const v8 top_left = load8(model.xy + at.xy[0][l]),
+                 top_right = load8(model.xy + at.xy[1][l]);
         const v8 left = load8(model.xy + at.xy[2][l]), right = load8(model.xy + at.xy[3][l]);
-        const v8 along_x = (top_right - top_left) * at.y_weight[0][l] + (right - left) * at.y_weight[1][l];
-        const v8 along_y = (left - top_left) * at.x_weight[0][l] + (right - top_right) * at.x_weight[1][l];
+        const v8 along_x =
+            (top_right - top_left) * at.y_weight[0][l] + (right - left) * at.y_weight[1][l];
+        const v8 along_y =
+            (left - top_left) * at.x_weight[0][l] + (right - top_right) * at.x_weight[1][l];
         const v8 xt = load8(frame.xt_line + at.x[1][l]) - load8(frame.xt_line + at.x[0][l]);
         const v8 yt = load8(frame.yt_line + at.y[1][l]) - load8(frame.yt_line + at.y[0][l]);
         moved[0][l] = sum8(gxy * along_x + gxt * xt);

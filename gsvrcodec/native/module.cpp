@@ -35,8 +35,16 @@ struct Parameters {
 
     Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats alpha_,
                Floats linear_, Floats quadratic_, Floats xy_, Floats xt_, Floats yt_)
-        : position(position_), log_scale(log_scale_), rotation(rotation_), colour(colour_),
-          alpha(alpha_), linear(linear_), quadratic(quadratic_), xy(xy_), xt(xt_), yt(yt_) {
+        : position(position_),
+          log_scale(log_scale_),
+          rotation(rotation_),
+          colour(colour_),
+          alpha(alpha_),
+          linear(linear_),
+          quadratic(quadratic_),
+          xy(xy_),
+          xt(xt_),
+          yt(yt_) {
         require(position.ndim() == 2, "position must have shape (N, 2)");
         const std::size_t n = position.shape(0);
         require(n < (1u << 28), "too many Gaussians");
@@ -55,9 +63,19 @@ struct Parameters {
         require(has_shape(xy, {gy, gx, gsvr::kChannels}), "xy must have shape (Gy, Gx, 8)");
         require(has_shape(xt, {gt, gx, gsvr::kChannels}), "xt must have shape (Gt, Gx, 8)");
         require(has_shape(yt, {gt, gy, gsvr::kChannels}), "yt must have shape (Gt, Gy, 8)");
-        model = {position.data(), log_scale.data(), rotation.data(), colour.data(), alpha.data(),
-                 linear.data(), quadratic.data(), xy.data(), xt.data(), yt.data(),
-                 static_cast<int>(n), static_cast<int>(gx), static_cast<int>(gy),
+        model = {position.data(),
+                 log_scale.data(),
+                 rotation.data(),
+                 colour.data(),
+                 alpha.data(),
+                 linear.data(),
+                 quadratic.data(),
+                 xy.data(),
+                 xt.data(),
+                 yt.data(),
+                 static_cast<int>(n),
+                 static_cast<int>(gx),
+                 static_cast<int>(gy),
                  static_cast<int>(gt)};
     }
 
@@ -104,23 +122,27 @@ double backward(const Parameters &parameters, float tau, Image<const T> image, i
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
     if constexpr (std::is_same_v<T, float>) {
-        gsvr::backward_float(parameters.model, tau, size, coded, threads, image.data(), gradient.model);
+        gsvr::backward_float(parameters.model, tau, size, coded, threads, image.data(),
+                             gradient.model);
         return 0.0;
     } else {
-        return gsvr::squared_error(parameters.model, tau, size, coded, threads, image.data(), gradient.model);
+        return gsvr::squared_error(parameters.model, tau, size, coded, threads, image.data(),
+                                   gradient.model);
     }
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
                double eps, std::int64_t step, int threads) {
     const std::size_t n = param.size(), period = lr.size();
-    require(grad.size() == n && m.size() == n && v.size() == n, "param, grad, m and v must be of one size");
-    require(period >= 1 && period <= 4096 && n % period == 0, "lr must have one entry, or one a column");
+    require(grad.size() == n && m.size() == n && v.size() == n,
+            "param, grad, m and v must be of one size");
+    require(period >= 1 && period <= 4096 && n % period == 0,
+            "lr must have one entry, or one a column");
     require(step >= 1, "step counts from 1");
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::adam_step({param.data(), grad.data(), m.data(), v.data(), static_cast<std::int64_t>(n), lr.data(),
-                     static_cast<int>(period), beta1, beta2, eps, step},
+    gsvr::adam_step({param.data(), grad.data(), m.data(), v.data(), static_cast<std::int64_t>(n),
+                     lr.data(), static_cast<int>(period), beta1, beta2, eps, step},
                     threads);
 }
 
@@ -146,15 +168,16 @@ NB_MODULE(_core, m) {
     m.def("use_isa", &gsvr::use_isa, "name"_a);
     m.def("resolve_threads", &gsvr::resolve_threads, "requested"_a);
     nb::class_<Parameters>(m, "Parameters")
-        .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats>(),
+        .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats,
+                      Floats>(),
              "position"_a, "log_scale"_a, "rotation"_a, "colour"_a, "alpha"_a, "linear"_a,
              "quadratic"_a, "xy"_a, "xt"_a, "yt"_a);
     m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
           "coded_height"_a, "threads"_a);
     m.def("render_float", &render<float>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
           "coded_height"_a, "threads"_a);
-    m.def("backward_float", &backward<float>, "parameters"_a, "tau"_a, "weights"_a,
-          "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
+    m.def("backward_float", &backward<float>, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
+          "coded_height"_a, "gradient"_a, "threads"_a);
     m.def("squared_error", &backward<std::uint8_t>, "parameters"_a, "tau"_a, "target"_a,
           "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
     m.def("adam_step", &adam_step, "param"_a, "grad"_a, "m"_a, "v"_a, "lr"_a, "beta1"_a, "beta2"_a,

@@ -25,24 +25,25 @@ class Pool {
     bool try_run(int count, int threads, Jobs jobs) {
         std::unique_lock<std::mutex> owner(owner_, std::try_to_lock);
         if (!owner.owns_lock()) return false;
-        while (static_cast<int>(workers_.size()) < threads - 1) {
-            const int slot = static_cast<int>(workers_.size()) + 1;
-            const unsigned seen = generation_.load();
-            workers_.emplace_back([this, slot, seen] { serve(slot, seen); });
-        }
+        while (static_cast<int>(workers_.size()) < threads - 1)
+            workers_.emplace_back([this, seen = generation_.load()] { serve(seen); });
         {
             std::lock_guard<std::mutex> lock(mutex_);
             jobs_ = jobs;
             count_ = count;
             next_ = 0;
-            helpers_ = std::min(threads, count) - 1;
-            pending_ = static_cast<int>(workers_.size());
+            joined_ = 0;
+            places_ = std::min(threads, count) - 1;
             ++generation_;
         }
         wake_.notify_all();
         take_jobs(0);
-        // Every worker acknowledges the generation, so none can touch the next call's jobs.
-        while (pending_.load(std::memory_order_acquire) != 0) std::this_thread::yield();
+        {
+            // A worker that has not come yet is not waited for: the machine may be busy.
+            std::lock_guard<std::mutex> lock(mutex_);
+            places_ = joined_;
+        }
+        while (busy_.load(std::memory_order_acquire) != 0) std::this_thread::yield();
         return true;
     }
 
@@ -51,31 +52,35 @@ class Pool {
         for (int job; (job = next_.fetch_add(1)) < count_;) jobs_.run(jobs_.context, job, worker);
     }
 
-    void serve(int slot, unsigned seen) {
+    void serve(unsigned seen) {
         for (;;) {
             const auto until = std::chrono::steady_clock::now() + kSpin;
             while (generation_.load(std::memory_order_acquire) == seen &&
-                   std::chrono::steady_clock::now() < until) {
-            }
+                   std::chrono::steady_clock::now() < until) {}
+            int worker = 0;
             {
                 std::unique_lock<std::mutex> lock(mutex_);
                 wake_.wait(lock, [&] { return generation_.load() != seen; });
                 seen = generation_.load();
+                if (joined_ == places_) continue;
+                worker = ++joined_;
+                busy_.fetch_add(1);
             }
-            if (slot <= helpers_) take_jobs(slot);
-            pending_.fetch_sub(1, std::memory_order_release);
+            take_jobs(worker);
+            busy_.fetch_sub(1, std::memory_order_release);
         }
     }
 
-    std::mutex owner_;
-    std::mutex mutex_;
+    std::mutex owner_;  // held by the call that the pool works for
+    std::mutex mutex_;  // of what follows
     std::condition_variable wake_;
     std::vector<std::thread> workers_;
     Jobs jobs_{};
     int count_ = 0;
-    int helpers_ = 0;
+    int joined_ = 0;  // workers that take part in this call
+    int places_ = 0;  // for as many
     std::atomic<int> next_{0};
-    std::atomic<int> pending_{0};
+    std::atomic<int> busy_{0};
     std::atomic<unsigned> generation_{0};
 };
 

@@ -22,7 +22,8 @@ void run_jobs(int count, int threads, Jobs jobs);
 template <class Body>
 void parallel_for(int count, int threads, Body &&body) {
     run_jobs(count, threads, {&body, [](void *context, int job, int worker) {
-                                  (*static_cast<std::remove_reference_t<Body> *>(context))(job, worker);
+                                  (*static_cast<std::remove_reference_t<Body> *>(context))(job,
+                                                                                           worker);
                               }});
 }
 

@@ -3,38 +3,52 @@
 constexpr int kChannelFloats = kRows * kStripWidth;  // from one channel to the next
 constexpr int kStepFloats = kRows * kRowFloats;      // from one vector of a column to the next
 
-static inline float *pixel(const Pixels &pixels, int x, int row) {
-    return pixels.data + (x / kStripWidth) * (static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats) +
-           (row - pixels.first_row) * static_cast<std::ptrdiff_t>(kRowFloats) + x % kStripWidth;
+static inline float *first_pixel(const Pixels &pixels, const Columns &c, int n) {
+    const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
+    const unsigned x = static_cast<unsigned>(c.x[n]);
+    return pixels.data + x / kStripWidth * strip + (c.row[n] - pixels.first_row) * kRowFloats +
+           x % kStripWidth;
 }
 
-void rasterise(const Splats *splats, const Extent *extents, int blocks, Extent band, Pixels pixels) {
+static inline bool touches(const BlockRows &block, Extent band) {
+    return block.begin < band.end && block.end > band.begin;
+}
+
+static inline void add_column(const Splats &s, const Columns &c, int n, const Pixels &pixels) {
+    const int l = c.lane[n];
+    const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
+    float *p = first_pixel(pixels, c, n);
+    for_steps(s, c, n, [&](vf e) {
+        const vf w = max(e - kCutoff, vf{});
+        store(p, load(p) + red * w);
+        store(p + kChannelFloats, load(p + kChannelFloats) + green * w);
+        store(p + 2 * kChannelFloats, load(p + 2 * kChannelFloats) + blue * w);
+        p += kStepFloats;
+    });
+}
+
+void rasterise(const Splats *splats, const BlockRows *rows, int blocks, Extent band,
+               Pixels pixels) {
     const FlushDenormals flush;
+    Columns c;
     for (int block = 0; block < blocks; ++block) {
-        if (extents[block].begin >= band.end || extents[block].end <= band.begin) continue;
+        if (!touches(rows[block], band)) continue;
         const Splats &s = splats[block];
-        for_columns(s, band, [&](int l, const Column &c) {
-            const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
-            float *p = pixel(pixels, c.x, c.row);
-            for_steps(s, l, c, [&](vf e) {
-                const vf w = max(e - kCutoff, vf{});
-                store(p, load(p) + red * w);
-                store(p + kChannelFloats, load(p + kChannelFloats) + green * w);
-                store(p + 2 * kChannelFloats, load(p + 2 * kChannelFloats) + blue * w);
-                p += kStepFloats;
-            });
+        for_columns(s, band, c, [&] {
+            for (int n = 0; n < c.count; ++n) add_column(s, c, n, pixels);
         });
     }
 }
 
-// Adds the sums of the gradient `pixels` over one column to a splat's moments. The moments about
-// its rows are prefix sums of prefix sums: additions alone.
-static inline void add_moments(const Splats &s, int l, const Column &c, const Pixels &pixels,
-                               Moments &moments) {
+// Adds the sums of the gradient `pixels` over one column, lane by lane, to those of its splat. The
+// moments about its rows are prefix sums of prefix sums: additions alone.
+static inline void add_moments(const Splats &s, const Columns &c, int n, const Pixels &pixels,
+                               vf *total) {
+    const int l = c.lane[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     vf r{}, g{}, b{}, p0{}, p1{}, p2{};
-    const float *p = pixel(pixels, c.x, c.row);
-    for_steps(s, l, c, [&](vf e) {
+    const float *p = first_pixel(pixels, c, n);
+    for_steps(s, c, n, [&](vf e) {
         const vf w = max(e - kCutoff, vf{});
         const vf dr = load(p), dg = load(p + kChannelFloats), db = load(p + 2 * kChannelFloats);
         r += w * dr;
@@ -46,31 +60,69 @@ static inline void add_moments(const Splats &s, int l, const Column &c, const Pi
         p += kStepFloats;
     });
     // With m vectors below a pixel in its column: p1 sums m, p2 sums m (m - 1) / 2.
-    const vf x = c.dx + kPixelX;
-    const vf last = (static_cast<float>(c.row + (c.steps - 1) * kRows) + 0.5f - s.cy[l]) + kPixelY;
+    const int steps = c.steps[n] > 0 ? c.steps[n] : -c.steps[n];
+    const vf x = c.dx[n] + kPixelX;
+    const vf last = (static_cast<float>(c.row[n] + (steps - 1) * kRows) + 0.5f - s.cy[l]) + kPixelY;
     const vf y = last * p0 - kRows * p1;
-    const vf yy = last * (last * p0 - 2.0f * kRows * p1) + (kRows * kRows) * (2.0f * p2 + p1);
-    const vf parts[8] = {r, g, b, p0 * x, y, p0 * x * x, y * x, yy};
-    store8(moments.colour, load8(moments.colour) + sums(parts));
+    total[0] += r;
+    total[1] += g;
+    total[2] += b;
+    total[3] += p0 * x;
+    total[4] += y;
+    total[5] += p0 * x * x;
+    total[6] += y * x;
+    total[7] += last * (last * p0 - 2.0f * kRows * p1) + (kRows * kRows) * (2.0f * p2 + p1);
 }
 
-void backward(const Model &model, const Frame &frame, const Splats *splats, const Extent *extents,
-              Pixels pixels, int begin, int end, const Model &gradient, float *xy, float *xt_line,
-              float *yt_line) {
+// Adds the moments of the columns at hand, splat by splat, so that each is summed over its lanes
+// once.
+static inline void gather_columns(const Splats &s, const Columns &c, const Pixels &pixels,
+                                  Moments *moments) {
+    int first[kBlock], next[Columns::kCapacity];
+    for (int &n : first) n = c.count;
+    for (int n = c.count - 1; n >= 0; --n) {
+        next[n] = first[c.lane[n]];
+        first[c.lane[n]] = n;
+    }
+    for (int l = 0; l < kBlock; ++l) {
+        if (first[l] == c.count) continue;
+        vf total[8] = {};
+        for (int n = first[l]; n < c.count; n = next[n]) add_moments(s, c, n, pixels, total);
+        store8(moments[l].colour, load8(moments[l].colour) + sums(total));
+    }
+}
+
+void gather(const Splats *splats, const BlockRows *rows, int blocks, Extent band, Pixels pixels,
+            Moments *moments) {
+    const FlushDenormals flush;
+    Columns c;
+    for (int block = 0; block < blocks; ++block) {
+        if (!touches(rows[block], band)) continue;
+        const Splats &s = splats[block];
+        const int index = band.begin / kBandRows - rows[block].begin / kBandRows;
+        Moments *own = moments + static_cast<std::ptrdiff_t>(rows[block].slot + index) * kBlock;
+        for (int l = 0; l < kBlock; ++l) own[l] = {};
+        for_columns(s, band, c, [&] { gather_columns(s, c, pixels, own); });
+    }
+}
+
+void backward(const Model &model, const Frame &frame, const Splats *splats, const BlockRows *rows,
+              const Moments *moments, int begin, int end, const Model &gradient, float *xy,
+              float *xt_line, float *yt_line) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         const Splats &s = splats[block];
-        Moments moments[kBlock] = {};
-        const Extent extent = extents[block];
-        for (int row = extent.begin / kBandRows * kBandRows; row < extent.end; row += kBandRows)
-            for_columns(s, {row, min(row + kBandRows, frame.height)}, [&](int l, const Column &c) {
-                add_moments(s, l, c, pixels, moments[l]);
-            });
+        Moments total[kBlock] = {};
+        const Moments *part = moments + static_cast<std::ptrdiff_t>(rows[block].slot) * kBlock;
+        for (int slot = 0; slot < block_bands(rows[block], kBandRows); ++slot, part += kBlock)
+            for (int l = 0; l < kBlock; ++l)
+                store8(total[l].colour, load8(total[l].colour) + load8(part[l].colour));
         for (int l = 0; l < kBlock; l += kLanes) {
             const int i = block * kBlock + l, count = min(model.n - i, kLanes);
             if (count <= 0) break;
             const vi drawn = load(s.row_begin + l) < load(s.row_end + l);
-            deform_backward(model, frame, moments + l, drawn, i, count, gradient, xy, xt_line, yt_line);
+            deform_backward(model, frame, total + l, drawn, i, count, gradient, xy, xt_line,
+                            yt_line);
         }
     }
 }

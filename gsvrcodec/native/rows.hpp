@@ -1,18 +1,17 @@
 // Rows of pixels to and from interleaved samples, eight pixels at a time. Included by kernels.cpp.
 
-static inline v8 clamped(v8 v) { return min(max(v, 0.0f), 1.0f); }
-
 // Calls body(row, x, samples, red) for each piece of a strip in the rows: `samples` pixels from x
 // on, their red at `red`, green and blue kChannelFloats and 2 * kChannelFloats on.
 template <class Body>
 static inline void for_pieces(const Pixels &pixels, const Frame &frame, Extent rows, Body body) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
-    for (int row = rows.begin; row < rows.end; ++row) {
-        const int within = row - pixels.first_row;
-        float *red = pixels.data + static_cast<std::ptrdiff_t>(within / kRows) * kStepFloats +
-                     within % kRows * kStripWidth;
-        for (int x = 0; x < frame.width; x += kStripWidth, red += strip)
-            body(row - rows.begin, x, min(kStripWidth, frame.width - x), red);
+    for (int row = rows.begin; row < rows.end; row += kRows) {
+        float *step =
+            pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
+        for (int x = 0; x < frame.width; x += kStripWidth, step += strip)
+            for (int k = 0; k < min(kRows, rows.end - row); ++k)
+                body(row + k - rows.begin, x, min(kStripWidth, frame.width - x),
+                     step + k * kStripWidth);
     }
 }
 
@@ -21,17 +20,21 @@ static inline void for_pieces(const Pixels &pixels, const Frame &frame, Extent r
 static inline void store_rgb(std::uint8_t *out, i8 rgbx) {
     const __m256i v = (__m256i)rgbx;
     const __m128i a = _mm256_castsi256_si128(v), b = _mm256_extracti128_si256(v, 1);
-    const __m128i low = _mm_shuffle_epi8(a, _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
-    const __m128i high = _mm_shuffle_epi8(b, _mm_setr_epi8(-1, -1, -1, -1, 0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14));
+    const __m128i low =
+        _mm_shuffle_epi8(a, _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
+    const __m128i high =
+        _mm_shuffle_epi8(b, _mm_setr_epi8(-1, -1, -1, -1, 0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14));
     _mm_storeu_si128(reinterpret_cast<__m128i *>(out), low);
-    _mm_storeu_si128(reinterpret_cast<__m128i *>(out + 8), _mm_or_si128(high, _mm_srli_si128(low, 8)));
+    _mm_storeu_si128(reinterpret_cast<__m128i *>(out + 8),
+                     _mm_or_si128(high, _mm_srli_si128(low, 8)));
 }
 
 static inline i8 load_rgb(const std::uint8_t *in) {
     const __m128i a = _mm_loadu_si128(reinterpret_cast<const __m128i *>(in));
     const __m128i b = _mm_loadu_si128(reinterpret_cast<const __m128i *>(in + 8));
     return (i8)_mm256_set_m128i(
-        _mm_shuffle_epi8(b, _mm_setr_epi8(4, 5, 6, -1, 7, 8, 9, -1, 10, 11, 12, -1, 13, 14, 15, -1)),
+        _mm_shuffle_epi8(b,
+                         _mm_setr_epi8(4, 5, 6, -1, 7, 8, 9, -1, 10, 11, 12, -1, 13, 14, 15, -1)),
         _mm_shuffle_epi8(a, _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1)));
 }
 #else
@@ -77,11 +80,13 @@ void from_float(const float *in, const Frame &frame, Extent rows, Pixels pixels)
         const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
         if (row >= rows.end - rows.begin) samples = 0;
         for (int i = 0; i < kStripWidth; ++i)
-            for (int c = 0; c < 3; ++c) red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
+            for (int c = 0; c < 3; ++c)
+                red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
     });
 }
 
-double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8_t *target, float scale) {
+double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8_t *target,
+                float scale) {
     double total = 0.0;
     const int padded = (rows.end + kRows - 1) / kRows * kRows;
     v8 squares{};
@@ -100,11 +105,13 @@ double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8
             wanted = load_rgb(bytes);
         }
         for (int c = 0; c < 3; ++c, red += kChannelFloats) {
-            const v8 sample = __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
+            const v8 sample =
+                __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
             const v8 difference = (v8)((i8)(clamped(load8(red)) - sample) & inside);
             store8(red, difference * scale);
             squares += difference * difference;
         }
+        // Short sums in single precision.
         if (x + kStripWidth >= frame.width) {
             total += static_cast<double>(sum8(squares));
             squares = v8{};

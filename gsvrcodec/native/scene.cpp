@@ -54,28 +54,24 @@ Extent Setting::band(int index) const {
     return {begin, std::min(begin + kernels.band_rows, size.height)};
 }
 
-int Setting::scratch_rows() const { return padded(std::min(kernels.band_rows, size.height)); }
-
 void Scene::reserve(const Setting &setting, int bands, Workspace &space) {
     const Model &m = setting.model;
     space.splats.reserve(setting.blocks());
-    space.extents.reserve(setting.blocks());
+    space.rows.reserve(setting.blocks());
     space.lines.reserve(static_cast<std::size_t>(m.gx + m.gy) * kChannels);
-    if (bands) space.pixels.reserve(bands * setting.floats(setting.scratch_rows()));
-}
-
-void Scene::reserve_backward(const Setting &setting, Workspace &space) {
-    reserve(setting, 0, space);
-    space.pixels.reserve(setting.floats(setting.size.height));
-    space.plane_gradients.reserve(kGroups * plane_floats(setting.model));
-    space.sums.reserve(setting.bands());
+    space.pixels.reserve(bands * setting.band_floats());
 }
 
 Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
     : setting_(setting), space_(space), threads_(threads) {
     const Model &m = setting.model;
-    frame_ = {tau, setting.size.width, setting.size.height, setting.coded.width,
-              setting.coded.height, nullptr, nullptr};
+    frame_ = {tau,
+              setting.size.width,
+              setting.size.height,
+              setting.coded.width,
+              setting.coded.height,
+              nullptr,
+              nullptr};
     if (m.gx > 0) {
         float *xt = space.lines.get(), *yt = xt + m.gx * kChannels;
         slice(m.xt, m.gx, instant(tau, m.gt), xt);
@@ -87,27 +83,29 @@ Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
     parallel_for((blocks + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
         const int begin = job * kProjectBlocks;
         setting.kernels.project(m, frame_, begin, std::min(begin + kProjectBlocks, blocks),
-                                space.splats.get(), space.extents.get());
+                                space.splats.get(), space.rows.get());
     });
 }
 
-Pixels Scene::rasterise(Extent rows, float *whole, int worker) const {
-    const int held = whole ? setting_.padded(frame_.height) : setting_.scratch_rows();
-    Pixels pixels = {whole, 0, held};
-    if (!whole)
-        pixels = {space_.pixels.get() + worker * setting_.floats(held), rows.begin, held};
-    const std::size_t strip = static_cast<std::size_t>(held) * kRowFloats;
-    const std::size_t first = static_cast<std::size_t>(rows.begin - pixels.first_row) * kRowFloats;
-    const std::size_t bytes =
-        static_cast<std::size_t>(setting_.padded(rows.end - rows.begin)) * kRowFloats * sizeof(float);
-    for (int s = 0; s < setting_.strips(); ++s) std::memset(pixels.data + s * strip + first, 0, bytes);
-    setting_.kernels.rasterise(space_.splats.get(), space_.extents.get(), setting_.blocks(), rows, pixels);
-    return pixels;
+void Scene::rasterise(Extent rows, const Pixels &pixels) const {
+    std::memset(pixels.data, 0, setting_.band_floats() * sizeof(float));
+    setting_.kernels.rasterise(space_.splats.get(), space_.rows.get(), setting_.blocks(), rows,
+                               pixels);
 }
 
-void Scene::backward(float *whole, const Model &gradient) const {
+void Scene::reserve_backward() const {
+    space_.plane_gradients.reserve(kGroups * plane_floats(setting_.model));
+    BlockRows *rows = space_.rows.get();
+    std::size_t slots = 0;
+    for (int block = 0; block < setting_.blocks(); ++block) {
+        rows[block].slot = static_cast<int>(slots);
+        slots += block_bands(rows[block], setting_.kernels.band_rows);
+    }
+    space_.moments.reserve(slots * kBlock);
+}
+
+void Scene::backward_deformation(const Model &gradient) const {
     const Model &m = setting_.model;
-    const Pixels pixels = {whole, 0, setting_.padded(frame_.height)};
     const std::size_t xy = static_cast<std::size_t>(m.gx) * m.gy * kChannels;
     const std::size_t xt = static_cast<std::size_t>(m.gx) * kChannels;
     const std::size_t group = plane_floats(m);
@@ -116,9 +114,10 @@ void Scene::backward(float *whole, const Model &gradient) const {
     parallel_for(kGroups, threads_, [&](int job, int) {
         float *own = sums + job * group;
         if (group) std::memset(own, 0, group * sizeof(float));
-        setting_.kernels.backward(m, frame_, space_.splats.get(), space_.extents.get(), pixels,
-                                  std::min(job * size, blocks), std::min(job * size + size, blocks),
-                                  gradient, own, own + xy, own + xy + xt);
+        setting_.kernels.backward(m, frame_, space_.splats.get(), space_.rows.get(),
+                                  space_.moments.get(), std::min(job * size, blocks),
+                                  std::min(job * size + size, blocks), gradient, own, own + xy,
+                                  own + xy + xt);
     });
     if (m.gx == 0) return;
     for (int job = 1; job < kGroups; ++job)

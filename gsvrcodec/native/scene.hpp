@@ -17,41 +17,59 @@ struct Setting {
     int blocks() const { return (model.n + kBlock - 1) / kBlock; }
     int bands() const { return (size.height + kernels.band_rows - 1) / kernels.band_rows; }
     Extent band(int index) const;
-    // Rows of a buffer that holds `rows`, whole vectors.
-    int padded(int rows) const { return (rows + kernels.rows - 1) / kernels.rows * kernels.rows; }
     int strips() const { return (size.width + kStripWidth - 1) / kStripWidth; }
-    std::size_t floats(int rows) const {
-        return static_cast<std::size_t>(strips()) * padded(rows) * kRowFloats;
+    // Floats of a buffer for one band.
+    std::size_t band_floats() const {
+        return static_cast<std::size_t>(strips()) * kernels.band_rows * kRowFloats;
     }
-    int scratch_rows() const;
 };
 
 class Scene {
    public:
-    // Memory that frames of a setting need. `bands`: threads that rasterise into scratch at once.
+    // Memory that frames of a setting need when `bands` threads rasterise one at once.
     static void reserve(const Setting &, int bands, Workspace &);
-    static void reserve_backward(const Setting &, Workspace &);
 
     // Projects a frame. The workspace must have been reserved.
     Scene(const Setting &, float tau, int threads, Workspace &);
 
     const Frame &frame() const { return frame_; }
 
-    // Rasterises band after band and hands each to done(index, rows, pixels): into `whole`, which
-    // holds the whole frame, or when that is null into scratch.
+    // Rasterises band after band and hands each to done(index, rows, pixels).
     template <class Done>
-    void for_bands(float *whole, Done done) const {
-        parallel_for(setting_.bands(), threads_, [&](int index, int worker) {
-            const Extent rows = setting_.band(index);
-            done(index, rows, rasterise(rows, whole, worker));
+    void render(Done done) const {
+        for_bands([&](int index, Extent rows, const Pixels &pixels) {
+            rasterise(rows, pixels);
+            done(index, rows, pixels);
         });
     }
 
-    // Gradients of all parameters from the gradient of the whole frame's pixels.
-    void backward(float *whole, const Model &gradient) const;
+    // Gradients of all parameters. fill(index, rows, pixels) leaves the gradient of a band's pixels
+    // in `pixels`, zero beyond the frame; render_first: it finds the band rasterised there.
+    template <class Fill>
+    void backward(bool render_first, const Model &gradient, Fill fill) const {
+        reserve_backward();
+        for_bands([&](int index, Extent rows, const Pixels &pixels) {
+            if (render_first) rasterise(rows, pixels);
+            fill(index, rows, pixels);
+            setting_.kernels.gather(space_.splats.get(), space_.rows.get(), setting_.blocks(), rows,
+                                    pixels, space_.moments.get());
+        });
+        backward_deformation(gradient);
+    }
 
    private:
-    Pixels rasterise(Extent rows, float *whole, int worker) const;
+    template <class Body>
+    void for_bands(Body body) const {
+        parallel_for(setting_.bands(), threads_, [&](int index, int worker) {
+            const Extent rows = setting_.band(index);
+            body(index, rows,
+                 Pixels{space_.pixels.get() + worker * setting_.band_floats(), rows.begin,
+                        setting_.kernels.band_rows});
+        });
+    }
+    void rasterise(Extent rows, const Pixels &) const;
+    void reserve_backward() const;
+    void backward_deformation(const Model &gradient) const;
 
     const Setting &setting_;
     Workspace &space_;

@@ -4,8 +4,7 @@
 template <int Width, int Column, int... Lane>
 static inline vf pick(const vf *v, std::integer_sequence<int, Lane...>) {
     if constexpr (Width == 1) return v[0];
-    if constexpr (Width == 2)
-        return __builtin_shufflevector(v[0], v[1], (2 * Lane + Column)...);
+    if constexpr (Width == 2) return __builtin_shufflevector(v[0], v[1], (2 * Lane + Column)...);
     if constexpr (Width == 3) {
         const vf t = __builtin_shufflevector(
             v[0], v[1], (3 * Lane + Column < 2 * kLanes ? 3 * Lane + Column : -1)...);
@@ -116,8 +115,8 @@ static inline v8 sums(const vf *v) {
     vf r[8] = {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]};
     transpose(r);
     transpose(r + 4);
-    return __builtin_shufflevector((r[0] + r[1]) + (r[2] + r[3]), (r[4] + r[5]) + (r[6] + r[7]), 0, 1, 2,
-                                   3, 4, 5, 6, 7);
+    return __builtin_shufflevector((r[0] + r[1]) + (r[2] + r[3]), (r[4] + r[5]) + (r[6] + r[7]), 0,
+                                   1, 2, 3, 4, 5, 6, 7);
 }
 
 #else
@@ -153,8 +152,10 @@ static inline void transpose(v8 *r) {
 
 static inline v8 sums8(const v8 *v) {
     v8 a[4], b[2];
-    for (int i = 0; i < 4; ++i) a[i] = low_pairs(v[2 * i], v[2 * i + 1]) + high_pairs(v[2 * i], v[2 * i + 1]);
-    for (int i = 0; i < 2; ++i) b[i] = low_fours(a[2 * i], a[2 * i + 1]) + high_fours(a[2 * i], a[2 * i + 1]);
+    for (int i = 0; i < 4; ++i)
+        a[i] = low_pairs(v[2 * i], v[2 * i + 1]) + high_pairs(v[2 * i], v[2 * i + 1]);
+    for (int i = 0; i < 2; ++i)
+        b[i] = low_fours(a[2 * i], a[2 * i + 1]) + high_fours(a[2 * i], a[2 * i + 1]);
     return low_halves(b[0], b[1]) + high_halves(b[0], b[1]);
 }
 
@@ -185,8 +186,8 @@ static inline void to_columns(const float *rows, vf *columns) {
     transpose(r);
     transpose(r + 8);
     for (int k = 0; k < 8; ++k)
-        columns[k] = __builtin_shufflevector(r[k], r[k + 8], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12,
-                                             13, 14, 15);
+        columns[k] = __builtin_shufflevector(r[k], r[k + 8], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11,
+                                             12, 13, 14, 15);
 }
 
 static inline void to_rows(const vf *columns, float *rows) {

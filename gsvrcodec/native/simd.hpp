@@ -5,6 +5,7 @@
 
 typedef float vf __attribute__((vector_size(GSVR_LANES * 4)));
 typedef int vi __attribute__((vector_size(GSVR_LANES * 4)));
+typedef unsigned vu __attribute__((vector_size(GSVR_LANES * 4)));
 typedef float vf_unaligned __attribute__((vector_size(GSVR_LANES * 4), aligned(4), may_alias));
 typedef int vi_unaligned __attribute__((vector_size(GSVR_LANES * 4), aligned(4), may_alias));
 typedef float v8 __attribute__((vector_size(32)));
@@ -26,8 +27,17 @@ static inline int max(int a, int b) { return a > b ? a : b; }
 static inline int min(int a, int b) { return a < b ? a : b; }
 static inline vi max(vi a, vi b) { return a > b ? a : b; }
 static inline vi min(vi a, vi b) { return a < b ? a : b; }
-static inline v8 max(v8 a, float b) { return a > b ? a : b - v8{}; }
-static inline v8 min(v8 a, float b) { return a < b ? a : b - v8{}; }
+
+// v limited to [0, 1]; 0 where it is NaN.
+static inline v8 clamped(v8 v) {
+    const v8 zero{}, one = 1.0f - zero;
+#if defined(__AVX2__)
+    return (v8)_mm256_min_ps(_mm256_max_ps((__m256)v, (__m256)zero), (__m256)one);
+#else
+    const v8 positive = v > zero ? v : zero;
+    return positive < one ? positive : one;
+#endif
+}
 
 // max and min: b where a is NaN. bits: the sign of each lane of a mask.
 #if defined(__AVX512F__)
@@ -46,7 +56,9 @@ static inline unsigned bits(vi mask) {
 static inline vf max(vf a, vf b) { return (vf)_mm_max_ps((__m128)a, (__m128)b); }
 static inline vf min(vf a, vf b) { return (vf)_mm_min_ps((__m128)a, (__m128)b); }
 static inline vf sqrt(vf a) { return (vf)_mm_sqrt_ps((__m128)a); }
-static inline unsigned bits(vi mask) { return static_cast<unsigned>(_mm_movemask_ps((__m128)mask)); }
+static inline unsigned bits(vi mask) {
+    return static_cast<unsigned>(_mm_movemask_ps((__m128)mask));
+}
 #else
 static inline vf max(vf a, vf b) { return a > b ? a : b; }
 static inline vf min(vf a, vf b) { return a < b ? a : b; }
@@ -93,18 +105,17 @@ class FlushDenormals {
 #endif
 };
 
-// exp(x) for x in [-87, 88]; relative error below 2e-7.
-static inline vf exp(vf x) {
+// 2^x for x in [-126, 127]; relative error below 2e-7.
+static inline vf exp2(vf x) {
     constexpr float kRound = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
-    const vf t = x * 1.44269504088896f;
-    const vf rounded = t + kRound;
-    const vf f = t - (rounded - kRound);
+    const vf rounded = x + kRound;
+    const vf f = x - (rounded - kRound);
     vf p = 1.327646680e-3f * f + 9.675541293e-3f;
     p = p * f + 5.550713290e-2f;
     p = p * f + 2.402211972e-1f;
     p = p * f + 6.931469671e-1f;
     p = p * f + 1.0f;
-    return (vf)((vi)p + ((vi)rounded << 23));
+    return (vf)((vu)p + ((vu)rounded << 23));
 }
 
 // sin and cos of x; absolute error below 1e-6 for |x| up to about 1e4.
@@ -115,9 +126,10 @@ static inline void sincos(vf x, vf &sine, vf &cosine) {
     const vf r = ((x - n * 1.5703125f) - n * 4.837512969970703e-4f) - n * 7.549789948768648e-8f;
     const vf z = r * r;
     const vf s = r + r * z * (-1.6666654611e-1f + z * (8.3321608736e-3f + z * -1.9515295891e-4f));
-    const vf c = 1.0f - 0.5f * z +
-                 z * z * (4.166664568298827e-2f + z * (-1.388731625493765e-3f + z * 2.443315711809948e-5f));
-    const vi q = (vi)quarter;
+    const vf c =
+        1.0f - 0.5f * z +
+        z * z * (4.166664568298827e-2f + z * (-1.388731625493765e-3f + z * 2.443315711809948e-5f));
+    const vu q = (vu)quarter;
     const vi swap = (q & 1) != 0;
     const vf a = swap ? c : s;
     const vf b = swap ? s : c;

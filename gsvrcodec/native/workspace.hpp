@@ -39,7 +39,8 @@ class Buffer {
 // Scratch of one frame in flight.
 struct Workspace {
     Buffer<Splats> splats;
-    Buffer<Extent> extents;
+    Buffer<BlockRows> rows;
+    Buffer<Moments> moments;
     Buffer<float> lines, pixels, plane_gradients;
     Buffer<double> sums;
 };

@@ -6,7 +6,6 @@ Slow on purpose: each Gaussian is evaluated at each pixel, in whatever dtype the
 
 from __future__ import annotations
 
-
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -33,7 +32,7 @@ class Deformed(NamedTuple):
 
 
 def _bilinear(grid: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Look up `grid` (rows, columns, C) at x, y (N,) in [-1, 1]; corners aligned, border clamped."""
+    """Look up `grid` (rows, columns, C) at x, y (N,) in [-1, 1]: aligned corners, border clamp."""
     rows, columns, _ = grid.shape
 
     def cell(position: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:

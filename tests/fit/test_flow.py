@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.flow import FlowField, flow_estimator, motion_degree, resize, track
+from gsvrcodec.fit.flow import flow_estimator, motion_degree, resize
 from tests.fit.scenes import moving_texture
-
-
-def still(width: int, height: int) -> FlowField:
-    return np.zeros((height, width, 2), np.float32)
 
 
 class TestDis:
@@ -60,37 +56,6 @@ class TestRaft:
         with pytest.raises(UsageError, match="torchvision"):
             gsvrcodec.encode(making.NOISE, tmp_path / "a.gsvr", flow="raft")
         assert not list(tmp_path.iterdir())
-
-
-class TestTrack:
-    def test_points_follow_a_translation_both_ways(self) -> None:
-        step = (2.0, -1.0)
-        frames = moving_texture(7, step)
-        points = np.random.default_rng(0).uniform(0.3, 0.7, (50, 2)).astype(np.float32)
-        tracks = track(list(frames), 3, points, flow_estimator("dis"))
-        assert tracks.shape == (7, 50, 2)
-        np.testing.assert_array_equal(tracks[3], points)
-        moved = (tracks - points) * (160, 120)
-        expected = np.multiply.outer(np.arange(7) - 3, step)[:, None]
-        np.testing.assert_allclose(np.median(moved - expected, axis=1), 0, atol=0.4)
-
-    def test_points_may_leave_the_frame(self) -> None:
-        frames = [np.zeros((20, 30, 3), np.uint8)] * 4
-        points = np.array([[0, 0], [0.999, 0.999]], np.float32)
-        tracks = track(frames, 0, points, lambda first, _: still(30, 20) + 15)
-        np.testing.assert_allclose(tracks[3] - points, np.tile([1.5, 2.25], (2, 1)), atol=1e-5)
-
-    @pytest.mark.parametrize("count", [1, 1023, 1024, 1025])
-    def test_any_number_of_points(self, count: int) -> None:
-        points, shift = np.full((count, 2), 0.5, np.float32), np.array([3, -2], np.float32)
-        frames = [np.zeros((20, 30, 3), np.uint8)] * 2
-        tracks = track(frames, 0, points, lambda *_: still(30, 20) + shift)
-        np.testing.assert_allclose(tracks[1] - points, np.tile([0.1, -0.1], (count, 1)), atol=1e-6)
-
-    def test_one_frame(self) -> None:
-        points = np.array([[0.5, 0.5]], np.float32)
-        tracks = track([np.zeros((9, 9, 3), np.uint8)], 0, points, lambda *_: still(9, 9))
-        np.testing.assert_array_equal(tracks, points[None])
 
 
 class TestResize:

@@ -82,7 +82,54 @@ def test_quantiser_is_applied_late() -> None:
     assert {"position", "colour", "xy"} <= calls[0]
 
 
+class TestRates:
+    def test_lengths_are_pixels(self) -> None:
+        # The same picture twice as large: the Gaussians move as many pixels a step.
+        moves = []
+        for scale in (1, 2):
+            frames = sample(making.BUNNY_SMALL, (64 * scale, 48 * scale), 1)
+            field = Field(
+                random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
+            )
+            before = field.gop().position
+            optimise(field, frames, times(1), MAIN, Effort(1), np.random.default_rng(0))
+            moves.append(np.abs(field.gop().position - before).max(axis=0) * (32, 24) * scale)
+        np.testing.assert_allclose(moves[0], MAIN.rates["position"], rtol=1e-3)
+        np.testing.assert_allclose(moves[1], MAIN.rates["position"], rtol=1e-3)
+
+    def test_long_fits_go_slower(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (64, 48), 1)
+
+        def first_move(steps: int) -> float:
+            class Once(Effort):
+                @property
+                def spent(self) -> float:
+                    return float(self._step > 0)
+
+            field = Field(
+                random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
+            )
+            before = field.gop().colour
+            optimise(field, frames, times(1), MAIN, Once(steps), np.random.default_rng(0))
+            return float(np.abs(field.gop().colour - before).max())
+
+        rated = int(MAIN.rated_steps)
+        assert first_move(rated // 7) == pytest.approx(first_move(rated))
+        assert first_move(4 * rated) == pytest.approx(first_move(rated) / 2, rel=1e-3)
+
+
 class TestEffort:
+    def test_expected_steps(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        now = 100.0
+        monkeypatch.setattr("time.perf_counter", lambda: now)
+        assert Effort(40).expected_steps == 40
+        timed = Effort(40, seconds=10.0)
+        assert timed.expected_steps == 40
+        for _ in range(20):
+            timed.advance()
+        now = 102.5
+        assert timed.expected_steps == 80
+
     def test_by_steps(self) -> None:
         effort = Effort(4)
         assert effort.spent == 0

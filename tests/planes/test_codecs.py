@@ -15,7 +15,7 @@ from gsvrcodec.planes.samples import Samples
 
 LIMITS = Limits()
 EVERY_CODEC = pytest.mark.parametrize("codec", list(Codec), ids=lambda codec: codec.name.lower())
-IMAGE_CODECS = [Codec.DEFLATE, Codec.PNG, Codec.JXL]
+VARYING_CODECS: list[Codec] = [codec for codec in Codec if codec is not Codec.CONSTANT]
 
 
 @st.composite
@@ -44,7 +44,7 @@ class TestRoundTrip:
         assert found.dtype == np.uint16
         np.testing.assert_array_equal(found, samples)
 
-    @pytest.mark.parametrize("codec", IMAGE_CODECS)
+    @pytest.mark.parametrize("codec", VARYING_CODECS)
     @pytest.mark.parametrize("bits", [1, 8, 9, 12, 13, 16])
     @pytest.mark.parametrize("shape", [(1, 300), (300, 1), (37, 41), (256, 257)])
     def test_larger_planes(self, codec: Codec, bits: int, shape: tuple[int, int]) -> None:
@@ -56,7 +56,9 @@ class TestRoundTrip:
 
     def test_the_smallest_codec_wins(self) -> None:
         samples = smooth(50, 60, 13)
-        sizes = {codec: len(encode_plane(samples, 13, {codec})[1]) for codec in IMAGE_CODECS}
+        sizes: dict[Codec, int] = {
+            codec: len(encode_plane(samples, 13, {codec})[1]) for codec in VARYING_CODECS
+        }
         codec, data = encode_plane(samples, 13)
         assert len(data) == sizes[codec] == min(sizes.values())
 
@@ -82,7 +84,7 @@ class TestEncode:
 
 
 class TestDecode:
-    @pytest.mark.parametrize("codec", [4, 127, 255])
+    @pytest.mark.parametrize("codec", [6, 127, 255])
     def test_an_unknown_codec_is_unsupported(self, codec: int) -> None:
         with pytest.raises(UnsupportedError, match=f"unknown plane codec {codec}"):
             decode_plane(codec, b"", 1, 1, 8, LIMITS)
@@ -108,7 +110,7 @@ class TestDecode:
             with pytest.raises(CorruptError):
                 decode_plane(codec, attempt, 7, 6, 10, LIMITS)
 
-    @pytest.mark.parametrize("codec", IMAGE_CODECS)
+    @pytest.mark.parametrize("codec", VARYING_CODECS)
     @pytest.mark.parametrize("size", [(5, 7), (7, 7), (8, 6), (1, 1), (2**13, 2**12)])
     def test_another_size_fails(self, codec: Codec, size: tuple[int, int]) -> None:
         _, data = encode_plane(smooth(6, 7, 10), 10, {codec})
@@ -147,7 +149,7 @@ class TestDecode:
         assert found.shape == (4, 5)
         assert found.max() < 2**9
 
-    @pytest.mark.parametrize("codec", IMAGE_CODECS)
+    @pytest.mark.parametrize("codec", VARYING_CODECS)
     @settings(max_examples=150)
     @given(at=st.integers(0), value=st.integers(0, 255))
     def test_changed_bytes_raise_our_errors_or_stay_in_range(

@@ -20,7 +20,7 @@ TAU = 0.3
 
 
 def random_gop(n: int, *, grid: tuple[int, int, int] = (6, 5, 4), seed: int = 0) -> Gop:
-    """N Gaussians in and around the frame, all shapes; `grid` is Gx, Gy, Gt (zeros: no tri-plane)."""
+    """N Gaussians of all shapes in and around the frame; `grid` is Gx, Gy, Gt, 0 = no planes."""
     r = np.random.default_rng(seed)
     gx, gy, gt = grid
     arrays = {

@@ -72,5 +72,9 @@ def test_gradient_by_differences(name: str) -> None:
 def test_unknown_backend_fails() -> None:
     with pytest.raises(ValueError, match="'native' or 'reference'"):
         render_frames(
-            scenes.random_gop(1), np.zeros(1, np.float32), SIZE, SIZE, backend="cuda"  # type: ignore[arg-type]
+            scenes.random_gop(1),
+            np.zeros(1, np.float32),
+            SIZE,
+            SIZE,
+            backend="cuda",  # type: ignore[arg-type]
         )

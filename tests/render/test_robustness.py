@@ -119,6 +119,6 @@ def test_wrong_sizes_fail() -> None:
         _core.render_rgb8(gop, TAUS, np.zeros((2, 4, 4, 3), np.uint8), 4, 4, 1)
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         _core.render_rgb8(gop, TAUS, np.zeros((1, 4, 4, 3), np.uint8), 0, 4, 1)
+    other = parameters(scenes.random_gop(3))
     with pytest.raises(ValueError, match="gradient"):
-        other = parameters(scenes.random_gop(3))
         _core.backward_float(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, other, 1)

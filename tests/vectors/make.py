@@ -96,6 +96,15 @@ def newer_minor() -> bytes:
     return edited(minimal(), HEAD_TYPE, grow)
 
 
+def older_minor() -> bytes:
+    """The first version of the format, with the plane codecs that it had."""
+
+    def age(payload: bytearray) -> None:
+        payload[2:4] = b"\x01\x00"
+
+    return edited(make_file([make_payload(30, (4, 3, 2))]), HEAD_TYPE, age)
+
+
 def valid_vectors() -> Iterator[tuple[str, bytes]]:
     """Names and bytes of all files that every decoder must read."""
     yield "minimal", minimal()
@@ -103,9 +112,12 @@ def valid_vectors() -> Iterator[tuple[str, bytes]]:
     yield "black-triplane", make_file([make_payload(0, (2, 2, 2))])
     yield "variable-rate", variable_rate()
     yield "newer-minor", newer_minor()
-    for pack in ("deflate", "png", "jxl", "auto"):
+    yield "older-minor", older_minor()
+    for pack in ("deflate", "png", "jxl", "entropy", "auto"):
         yield pack, make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
-    yield "sixteen-bits", make_file([make_payload(30, (4, 3, 2), pack="jxl", bits=SIXTEEN_BITS)])
+    yield "entropy-strips", make_file([make_payload(400, pack="entropy", seed=2)])
+    for name, pack in (("sixteen-bits", "jxl"), ("sixteen-bits-entropy", "entropy")):
+        yield name, make_file([make_payload(30, (4, 3, 2), pack=pack, bits=SIXTEEN_BITS)])
 
 
 @dataclass(frozen=True)
@@ -149,7 +161,7 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
     yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
-    yield header("major-version", 0, "H", 1, code=4, says="version 1.1")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.2")
     yield header("required-flag", 4, "I", 1 << 31, code=4, says="flags 0x80000000")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
@@ -191,6 +203,12 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("deflate-predictor", b"\x02\x03\x00", "unknown predictor 2", codec=1)
     yield plane("deflate-too-short", b"\x00\x03\x00", "does not hold 12 bytes", codec=1)
     yield plane("deflate-empty", b"", "unknown predictor None", codec=1)
+    yield plane("context-cut", b"\x00\x00\x24", "cut short", codec=4)
+    yield plane("context-not-before", b"\x01\x00\x02\x00\x24\x00", "not before it", codec=4)
+    yield plane("context-no-guide", b"\x10\x00\x24\x00", "no plane to be guided by", codec=4)
+    yield plane("context-no-token", bytes.fromhex("0000240000000100 0000"), "none of", codec=4)
+    yield plane("ranges-too-high", b"\x00\xff\xff\x03\x00\x00\x01\x00", "out of range", codec=5)
+    yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
 
 
@@ -254,7 +272,7 @@ def hex_dump(data: bytes) -> str:
     chunk(
         "HEAD",
         [
-            (4, "version 0.1"),
+            (4, "version 0.2"),
             (8, "flags"),
             (8, "size 16x8"),
             (8, "sample aspect 1/1"),

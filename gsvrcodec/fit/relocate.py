@@ -1,0 +1,109 @@
+"""Gaussians that do little, moved during a fit to where the picture is worst."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.initialise import Frames, sample_pixels
+from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.render import render_frames
+from gsvrcodec.render.order import tile_order
+
+#: Part of the Gaussians that moves.
+_SHARE = 0.1
+#: Frames whose error is looked at.
+_FRAMES = 5
+_SIGMA_RANGE = (0.5, 3.0)  # px, of a Gaussian that has moved
+_ERROR_BOX_PX = 3
+_GRIDS = ("xy", "xt", "yt")
+
+
+def relocate(
+    field: Field,
+    frames: Frames,
+    taus: Float32Array,
+    coded_size: tuple[int, int],
+    rng: np.random.Generator,
+    threads: int,
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
+
+    One that moves takes shape and motion of its nearest neighbour, and starts black: so it changes
+    nothing at first, nor the weight that the tri-plane's colours act with.
+
+    Args:
+        field: what is being fitted.
+        frames: (F, h, w, 3) uint8 at the size to look at the error in.
+        taus: (F,) their normalised times.
+        coded_size: width and height that the field is in.
+        rng: source of the new places.
+        threads: native threads.
+
+    Returns:
+        (N,) where each Gaussian was before, and (N,) which have moved.
+    """
+    gop = field.gop()
+    size = frames.shape[2], frames.shape[1]
+    area = np.exp(gop.log_scale.sum(axis=1))
+    count = int(_SHARE * len(gop))
+    weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
+    shown = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(np.intp))
+    pictures = render_frames(gop, taus[shown], size, coded_size, threads=threads)
+    errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
+    bounds = np.cumsum([error.sum() for error in errors])
+    bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
+
+    source = np.arange(len(gop))
+    position = np.empty((count, 2), np.float32)
+    for error, index, begin, end in zip(errors, shown, [0, *bounds[:-1]], bounds, strict=True):
+        pixels = sample_pixels(error.ravel(), end - begin, rng)
+        x, y = pixels % size[0], pixels // size[0]
+        tau = taus[index]
+        moved = gop.position + gop.linear * tau + gop.quadratic * tau**2
+        near = _nearest(moved, size)[y, x]
+        source[weakest[begin:end]] = near
+        places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
+        position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
+
+    raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
+    with torch.no_grad():
+        for tensor in raw.values():
+            tensor.copy_(tensor[source])
+        raw["position"][weakest] = torch.from_numpy(position)
+        raw["colour"][weakest] = 0.0
+        low, high = _SIGMA_RANGE
+        raw["log_scale"][weakest] = raw["log_scale"][weakest].clamp(math.log(low), math.log(high))
+        order = tile_order(raw["position"].numpy(force=True), coded_size)
+        for tensor in raw.values():
+            tensor.copy_(tensor[order])
+    return order, np.isin(order, weakest)
+
+
+def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:
+    """Squared error around each pixel, (h, w), above zero."""
+    squares = np.square(picture.astype(np.float32) - wanted).sum(axis=2)
+    blurred = cv2.boxFilter(squares, -1, (_ERROR_BOX_PX, _ERROR_BOX_PX))
+    error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
+    return error
+
+
+def _nearest(position: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
+    """Return which Gaussian is nearest to each pixel, (h, w)."""
+    width, height = size
+    pixel = (position + 1) / 2 * (width, height)
+    x, y = np.clip(pixel, 0, (width - 1, height - 1)).astype(np.intp).T
+    free = np.ones((height, width), np.uint8)
+    free[y, x] = 0
+    labels = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[
+        1
+    ]
+    owner = np.zeros(int(labels.max()) + 1, np.intp)
+    owner[labels[y, x]] = np.arange(len(position))
+    nearest: NDArray[np.intp] = owner[labels]
+    return nearest

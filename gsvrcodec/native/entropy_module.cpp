@@ -1,0 +1,137 @@
+// The Python face of the entropy-coded planes. Samples come as uint16 arrays of rows.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+
+#include "context_codec.hpp"
+#include "ranges_codec.hpp"
+#include "rans.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+template <class T, int Axes>
+using Array = nb::ndarray<T, nb::ndim<Axes>, nb::c_contig, nb::device::cpu>;
+using Samples = Array<const std::uint16_t, 2>;
+using OutSamples = Array<std::uint16_t, 2>;
+using Errors = Array<std::int32_t, 2>;
+using Earlier = Array<const std::uint16_t, 3>;
+using Columns = std::optional<Samples>;
+using Around = Array<std::uint32_t, 2>;
+
+constexpr std::size_t kMaxSide = 65535, kMaxEarlier = 255;
+
+void require(bool condition, const char *message) {
+    if (!condition) throw nb::value_error(message);
+}
+
+// The plane of these samples, with the planes before it and the columns its rows follow.
+template <class A>
+gsvr::Plane plane_of(const A &samples, int bits, const Earlier &earlier, const Columns &columns) {
+    const std::size_t height = samples.shape(0), width = samples.shape(1);
+    require(width >= 1 && height >= 1 && width <= kMaxSide && height <= kMaxSide,
+            "a plane has 1 to 65535 rows and columns");
+    require(bits >= 1 && bits <= 16, "a plane has 1 to 16 bits");
+    require(earlier.shape(0) <= kMaxEarlier && earlier.shape(1) == height && earlier.shape(2) == width,
+            "earlier planes must be at most 255 and have the size of the plane");
+    if (columns) {
+        require(columns->shape(0) == height && columns->shape(1) == width,
+                "columns must have the size of the plane");
+        const std::uint16_t *begin = columns->data();
+        require(*std::max_element(begin, begin + columns->size()) < width, "a column is out of range");
+    }
+    return {static_cast<int>(width), static_cast<int>(height), bits, earlier.data(),
+            static_cast<int>(earlier.shape(0)), columns ? columns->data() : nullptr};
+}
+
+nb::bytes bytes_of(const std::vector<std::uint8_t> &data) { return nb::bytes(data.data(), data.size()); }
+
+const std::uint8_t *data_of(const nb::bytes &data) {
+    return static_cast<const std::uint8_t *>(data.data());
+}
+
+void follow(Samples guide, OutSamples columns) {
+    require(guide.size() && guide.shape(1) <= kMaxSide && guide.shape(0) == columns.shape(0) &&
+                guide.shape(1) == columns.shape(1),
+            "columns must have the size of the guide");
+    gsvr::follow(static_cast<int>(guide.shape(1)), static_cast<int>(guide.shape(0)), guide.data(),
+                 columns.data());
+}
+
+void predict(Samples samples, int bits, Earlier earlier, Columns columns,
+             const gsvr::Predictor &predictor, Errors errors, Around around) {
+    const auto plane = plane_of(samples, bits, earlier, columns);
+    require(errors.size() == samples.size() && around.size() == samples.size(),
+            "errors and around must have the size of the plane");
+    gsvr::predict(plane, predictor, samples.data(), errors.data(), around.data());
+}
+
+double measure(Errors errors, Around around, const gsvr::Coding &coding) {
+    require(errors.size() == around.size(), "errors and around must have one size");
+    return gsvr::measure(errors.data(), around.data(), errors.size(), coding);
+}
+
+nb::bytes encode_context(Samples samples, int bits, Earlier earlier, Columns columns,
+                         const gsvr::Predictor &predictor, const gsvr::Coding &coding) {
+    const auto plane = plane_of(samples, bits, earlier, columns);
+    return bytes_of(gsvr::encode_context(plane, predictor, coding, samples.data()));
+}
+
+void decode_context(nb::bytes data, int bits, Earlier earlier, Columns columns, OutSamples out) {
+    const auto plane = plane_of(out, bits, earlier, columns);
+    nb::gil_scoped_release release;
+    gsvr::decode_context(plane, data_of(data), data.size(), out.data());
+}
+
+nb::bytes encode_ranges(Samples samples) {
+    require(samples.size() && samples.shape(0) <= kMaxSide && samples.shape(1) <= kMaxSide,
+            "a plane has 1 to 65535 rows and columns");
+    return bytes_of(gsvr::encode_ranges(static_cast<int>(samples.shape(1)),
+                                        static_cast<int>(samples.shape(0)), samples.data()));
+}
+
+void decode_ranges(nb::bytes data, int bits, OutSamples out) {
+    require(out.size() && out.shape(0) <= kMaxSide && out.shape(1) <= kMaxSide && bits >= 1 && bits <= 16,
+            "a plane has 1 to 65535 rows and columns and 1 to 16 bits");
+    nb::gil_scoped_release release;
+    gsvr::decode_ranges(static_cast<int>(out.shape(1)), static_cast<int>(out.shape(0)), bits,
+                        data_of(data), data.size(), out.data());
+}
+
+}  // namespace
+
+NB_MODULE(_entropy, m) {
+    m.doc() = "Entropy-coded planes: codecs 4 and 5 (spec/gsvr.md).";
+    nb::exception<gsvr::Corrupt>(m, "Corrupt", PyExc_ValueError);
+    nb::class_<gsvr::Predictor>(m, "Predictor")
+        .def("__init__",
+             [](gsvr::Predictor *self, const std::vector<std::pair<int, int>> &terms, int bias,
+                bool guided, const std::array<int, gsvr::kNeighbours> &weights) {
+                 new (self) gsvr::Predictor{{}, bias, guided, weights};
+                 for (const auto &[plane, weight] : terms) self->terms.push_back({plane, weight});
+             },
+             "terms"_a, "bias"_a, "guided"_a, "weights"_a);
+    nb::class_<gsvr::Coding>(m, "Coding")
+        .def("__init__",
+             [](gsvr::Coding *self, unsigned direct, unsigned top,
+                const std::vector<std::uint32_t> &thresholds) {
+                 new (self) gsvr::Coding{direct, top, thresholds};
+             },
+             "direct"_a, "top"_a, "thresholds"_a);
+    m.def("follow", &follow, "guide"_a, "columns"_a);
+    m.def("predict", &predict, "samples"_a, "bits"_a, "earlier"_a, "columns"_a.none(), "predictor"_a,
+          "errors"_a, "around"_a);
+    m.def("measure", &measure, "errors"_a, "around"_a, "coding"_a);
+    m.def("encode_context", &encode_context, "samples"_a, "bits"_a, "earlier"_a, "columns"_a.none(),
+          "predictor"_a, "coding"_a);
+    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "earlier"_a, "columns"_a.none(), "out"_a);
+    m.def("encode_ranges", &encode_ranges, "samples"_a);
+    m.def("decode_ranges", &decode_ranges, "data"_a, "bits"_a, "out"_a);
+}

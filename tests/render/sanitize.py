@@ -1,0 +1,76 @@
+"""The render tests on a core built with AddressSanitizer and UndefinedBehaviorSanitizer.
+
+`python -m tests.render.sanitize [BUILD_FOLDER] [-- PYTEST OPTIONS]` builds it (about a minute; with
+a folder that is kept, only what has changed), puts it into a copy of the package and runs the tests
+there. Needs g++, cmake, ninja and nanobind; the sanitizers' libraries are preloaded, since Python
+itself is built without them.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def output(*command: str) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def build(folder: Path) -> Path:
+    """Build the core in `folder` and return it."""
+    compiler = os.environ.get("CXX", "g++")
+    nanobind = output(sys.executable, "-m", "nanobind", "--cmake_dir")
+    definitions = {
+        "CMAKE_BUILD_TYPE": "RelWithDebInfo",
+        "CMAKE_CXX_COMPILER": compiler,
+        "GSVR_SANITIZE": "ON",
+        "Python_EXECUTABLE": sys.executable,
+        "nanobind_DIR": nanobind,
+    }
+    options = [f"-D{name}={value}" for name, value in definitions.items()]
+    source = ROOT / "gsvrcodec" / "native"
+    subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", *options], check=True)
+    subprocess.run(["cmake", "--build", folder, "--target", "_core"], check=True)
+    (core,) = folder.glob("_core*.so")
+    return core
+
+
+def stage(core: Path, folder: Path) -> None:
+    """Put a copy of the package with `core` in it, and the tests, into `folder`."""
+    for name in ("gsvrcodec", "tests"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("*.so"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    shutil.copy(core, folder / "gsvrcodec" / "native")
+
+
+def main() -> int:
+    arguments = sys.argv[1:]
+    split = arguments.index("--") if "--" in arguments else len(arguments)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(arguments[0]).resolve() if split else Path(temporary, "build")
+        core = build(folder)
+        staged = Path(temporary, "staged")
+        staged.mkdir()
+        stage(core, staged)
+        compiler = os.environ.get("CXX", "g++")
+        libraries = [output(compiler, f"-print-file-name=lib{n}.so") for n in ("asan", "ubsan")]
+        environment = os.environ | {
+            "LD_PRELOAD": ":".join(libraries),
+            # Python keeps memory to its end; what matters here is who writes where.
+            "ASAN_OPTIONS": "detect_leaks=0",
+            "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1",
+        }
+        # test_isa.py starts interpreters of its own, and fork() under ASan is slow.
+        command = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider"]
+        command += ["tests/render", "--ignore=tests/render/test_isa.py", *arguments[split + 1 :]]
+        return subprocess.run(command, cwd=staged, env=environment, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
