@@ -31,7 +31,7 @@ from gsvrcodec.render import render_frames
 FRAME_VISITS = {"fastest": 12, "fast": 40, "medium": 100, "slow": 400, "slowest": 1000}
 _MIN_STEPS = 100
 #: Part of the effort after which the fit sees quantised values.
-_QAT_FROM = 0.85
+_QAT_FROM = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ def encode_gop(task: GopTask) -> EncodedGop:
     seconds = None
     if task.seconds is not None:
         # Packing takes its share too.
-        seconds = max(0.1, task.seconds * 0.95 - (time.perf_counter() - began))
+        seconds = max(0.1, task.seconds * 0.92 - (time.perf_counter() - began))
     with _single_torch_thread():
         optimise(
             field,
