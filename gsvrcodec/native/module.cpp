@@ -162,6 +162,8 @@ double bench_peak(int threads) {
 }  // namespace
 
 NB_MODULE(_core, m) {
+    // Written to, or kept: a converted copy would be lost.
+    const auto exact = [](const char *name) { return nb::arg(name).noconvert(); };
     m.doc() = "Native kernels: deformation, rasterisation and their gradients (spec/gsvr.md).";
     m.def("isa", [] { return std::string(gsvr::kernels().isa); });
     m.def("isas", &gsvr::usable_isas);
@@ -170,18 +172,19 @@ NB_MODULE(_core, m) {
     nb::class_<Parameters>(m, "Parameters")
         .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats,
                       Floats>(),
-             "position"_a, "log_scale"_a, "rotation"_a, "colour"_a, "alpha"_a, "linear"_a,
-             "quadratic"_a, "xy"_a, "xt"_a, "yt"_a);
-    m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
-          "coded_height"_a, "threads"_a);
-    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, "out"_a, "coded_width"_a,
-          "coded_height"_a, "threads"_a);
+             exact("position"), exact("log_scale"), exact("rotation"), exact("colour"),
+             exact("alpha"), exact("linear"), exact("quadratic"), exact("xy"), exact("xt"),
+             exact("yt"));
+    m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, exact("out"),
+          "coded_width"_a, "coded_height"_a, "threads"_a);
+    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"),
+          "coded_width"_a, "coded_height"_a, "threads"_a);
     m.def("backward_float", &backward<float>, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "gradient"_a, "threads"_a);
     m.def("squared_error", &backward<std::uint8_t>, "parameters"_a, "tau"_a, "target"_a,
           "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
-    m.def("adam_step", &adam_step, "param"_a, "grad"_a, "m"_a, "v"_a, "lr"_a, "beta1"_a, "beta2"_a,
-          "eps"_a, "step"_a, "threads"_a = 0);
-    m.def("bench_plain", &bench_plain, "parameters"_a, "out"_a, "threads"_a);
+    m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
+          exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
+    m.def("bench_plain", &bench_plain, "parameters"_a, exact("out"), "threads"_a);
     m.def("bench_peak", &bench_peak, "threads"_a);
 }

@@ -20,8 +20,11 @@ def render_frames(
 ) -> NDArray[np.uint8]:
     """Render frames of one GOP; see `gsvrcodec.render.render_frames`."""
     width, height = size
+    shape = (len(taus), height, width, 3)
     if out is None:
-        out = np.empty((len(taus), height, width, 3), np.uint8)
+        out = np.empty(shape, np.uint8)
+    elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
+        raise ValueError(f"out must be a C-contiguous uint8 array of shape {shape}")
     _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
     return out
 

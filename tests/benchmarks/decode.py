@@ -11,7 +11,8 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from statistics import fmean, median
@@ -44,20 +45,26 @@ def x264(frames: Frames, rate: Fraction, crf: float, path: Path) -> None:
         container.mux(stream.encode(None))
 
 
-def h264_frames(path: Path, threads: int) -> list[NDArray[np.uint8]]:
+def h264_frames(path: Path, threads: int) -> Iterator[NDArray[np.uint8]]:
     """Decode a file to RGB with libavcodec's frame and slice threads."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
         stream.thread_count = threads
-        decoded = container.decode(stream)
-        return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in decoded]
+        for frame in container.decode(stream):
+            yield np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
 
 
-def gsvr_frames(path: Path, threads: int) -> list[NDArray[np.uint8]]:
+def gsvr_frames(path: Path, threads: int) -> Iterator[NDArray[np.uint8]]:
     """Decode a .gsvr file to RGB."""
     with gsvrcodec.open(path, threads=threads) as decoder:
-        return [frame.data for frame in decoder]
+        for frame in decoder:
+            yield frame.data
+
+
+def drain(frames: Iterable[object]) -> None:
+    """Take all frames and keep none."""
+    deque(frames, maxlen=0)
 
 
 def matching_crf(frames: Frames, rate: Fraction, wanted: float, path: Path) -> float:
@@ -71,7 +78,7 @@ def matching_crf(frames: Frames, rate: Fraction, wanted: float, path: Path) -> f
     return reached
 
 
-def mean_psnr(frames: Frames, others: Frames) -> float:
+def mean_psnr(frames: Frames, others: Iterable[NDArray[np.uint8]]) -> float:
     """Mean of the frames' PSNR, dB."""
     return fmean(psnr(a, b) for a, b in zip(frames, others, strict=True))
 
@@ -124,23 +131,23 @@ def main(file: Path, source: Path, repeats: int, threads: int) -> None:
         ours, theirs, rendered, ours_one, theirs_one = rates(
             count,
             repeats,
-            lambda: gsvr_frames(file, threads),
-            lambda: h264_frames(other, threads),
+            lambda: drain(gsvr_frames(file, threads)),
+            lambda: drain(h264_frames(other, threads)),
             render_only(file, threads),
-            lambda: gsvr_frames(file, 1),
-            lambda: h264_frames(other, 1),
+            lambda: drain(gsvr_frames(file, 1)),
+            lambda: drain(h264_frames(other, 1)),
         )
         mp4 = Path(folder) / "out.mp4"
         (to_mp4,) = rates(
             count, 1, lambda: gsvrcodec.decode(file, mp4, overwrite=True, threads=threads)
         )
-        sizes = file.stat().st_size, other.stat().st_size
+        sizes = file.stat().st_size / 1000, other.stat().st_size / 1000
     print(machine())
     print(f"{count} frames of {frames[0].shape[1]}x{frames[0].shape[0]}, {threads} threads")
     print(f"{'':28}{'gsvr':>10}{'x264':>10}{'ratio':>8}")
     for name, own, other_value in (
         ("PSNR, dB", quality, reached),
-        ("bytes", *sizes),
+        ("kB", *sizes),
         ("bitstream to RGB, fps", ours, theirs),
         ("  the same, one thread", ours_one, theirs_one),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.native import _core
@@ -122,3 +123,25 @@ def test_wrong_sizes_fail() -> None:
     other = parameters(scenes.random_gop(3))
     with pytest.raises(ValueError, match="gradient"):
         _core.backward_float(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, other, 1)
+
+
+def test_other_dtype_fails() -> None:
+    """A converted copy would lose what is written to it."""
+    gop = scenes.random_gop(2)
+    arrays = {n: getattr(gop, n) for n in Gop.__slots__}
+    with pytest.raises(TypeError):
+        _core.Parameters(**arrays | {"log_scale": gop.log_scale.astype(np.float64)})
+
+
+@pytest.mark.parametrize(
+    "out",
+    [
+        np.zeros((1, 4, 5, 3), np.uint8),
+        np.zeros((1, 4, 4, 3), np.float32),
+        np.zeros((1, 4, 8, 3), np.uint8)[:, :, ::2],
+    ],
+    ids=["size", "dtype", "strides"],
+)
+def test_wrong_out_fails(out: NDArray[np.uint8]) -> None:
+    with pytest.raises(ValueError, match="out must be"):
+        render_frames(scenes.random_gop(2), TAUS, (4, 4), (4, 4), out=out)
