@@ -75,6 +75,17 @@ def write_video(path: Path, pictures: list[Rgb], info: OutputInfo | None = None)
     return path
 
 
+def raw_stream(path: Path) -> Path:
+    """Write the small Bunny's H.264 without container, and so without timestamps."""
+    with av.open(BUNNY_SMALL) as source, av.open(path, "w", format="h264") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    return path
+
+
 def audio_only(path: Path) -> Path:
     """Write a tenth of a second of silence as a WAV file."""
     with wave.open(str(path), "wb") as file:

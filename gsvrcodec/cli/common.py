@@ -142,6 +142,7 @@ def _warnings_on_stderr(name: str) -> Iterator[None]:
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter(f"{name}: %(levelname)s: %(message)s"))
     handler.addFilter(_lower_level)
+    handler.addFilter(_Once())
     logger = logging.getLogger("gsvrcodec")
     logger.addHandler(handler)
     try:
@@ -154,3 +155,17 @@ def _lower_level(record: logging.LogRecord) -> bool:
     """Write "warning" like the rest of the line, in small letters."""
     record.levelname = record.levelname.lower()
     return True
+
+
+class _Once(logging.Filter):
+    """Let each message through once: the encoder reads its source twice."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._seen: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        message = record.getMessage()
+        new = message not in self._seen
+        self._seen.add(message)
+        return new

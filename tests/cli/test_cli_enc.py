@@ -130,3 +130,11 @@ assert main([{str(making.NOISE)!r}, {str(tmp_path / "o.gsvr")!r}, "--crop", "500
 assert "torch" not in sys.modules and "cv2" not in sys.modules
 """
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)
+
+
+def test_warns_once(cli: Runner, tmp_path: Path) -> None:
+    """The source is read twice, and its missing timestamps are repaired each time."""
+    raw = making.raw_stream(tmp_path / "raw.h264")
+    result = cli("gsvrenc", raw, tmp_path / "out.gsvr", *SMALL)
+    assert result.code == 0, result.err
+    assert result.err.count("gsvrenc: warning: ") == 1

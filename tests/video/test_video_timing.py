@@ -6,7 +6,6 @@ import logging
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import pytest
 
 from gsvrcodec.video import open_video
@@ -36,13 +35,7 @@ class TestTimeline:
 
 
 def test_raw_stream_without_timestamps(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    raw = tmp_path / "raw.h264"
-    with av.open(making.BUNNY_SMALL) as source, av.open(raw, "w", format="h264") as target:
-        stream = target.add_stream_from_template(source.streams.video[0])
-        for packet in source.demux(source.streams.video[0]):
-            if packet.dts is not None:
-                packet.stream = stream
-                target.mux(packet)
+    raw = making.raw_stream(tmp_path / "raw.h264")
     frames = list(open_video(raw))
     info = open_video(raw).info
     assert len(frames) == 24
