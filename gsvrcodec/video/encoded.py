@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from abc import ABC, abstractmethod
 from fractions import Fraction
 from pathlib import Path
 
@@ -23,7 +24,7 @@ _MAX_TIMESCALE = 2**31 - 1
 _MILLISECOND = Fraction(1, 1000)
 
 
-class _ContainerWriter:
+class _ContainerWriter(ABC):
     """A file with one video stream, written by FFmpeg; the ticks of the source are kept."""
 
     def __init__(
@@ -62,9 +63,9 @@ class _ContainerWriter:
         if info.rotation:
             stream.set_display_rotation(-info.rotation)
 
+    @abstractmethod
     def _frame(self, rgb: Rgb) -> av.VideoFrame:
         """Return the picture in the stream's pixel format."""
-        raise NotImplementedError
 
     def write(self, rgb: Rgb, pts: int, duration: int) -> None:
         """Code one picture."""
