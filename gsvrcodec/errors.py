@@ -72,13 +72,3 @@ class UnsupportedError(GsvrError, ValueError):
 
 class LimitError(UnsupportedError):
     """A file asks for more than the decoder's limits allow; see `gsvrcodec.limits.Limits`."""
-
-
-class DeviceError(GsvrError, RuntimeError):
-    """A requested device or backend is not there, or failed."""
-
-
-class VerificationError(GsvrError):
-    """What was written does not decode to what was meant."""
-
-    exit_code: ClassVar[int] = 6

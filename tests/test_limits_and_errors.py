@@ -47,8 +47,6 @@ class TestErrors:
             (errors.NotGsvrError, 3, ValueError),
             (errors.UnsupportedError, 4, ValueError),
             (errors.LimitError, 4, ValueError),
-            (errors.DeviceError, 1, RuntimeError),
-            (errors.VerificationError, 6, Exception),
         ],
     )
     def test_have_their_exit_code_and_resemble_a_builtin(

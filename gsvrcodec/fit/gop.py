@@ -54,7 +54,6 @@ class EncodedGop:
     payload: bytes  #: of the GOP chunk
     psnr: float  #: dB, mean of the frames that a decoder will show
     float_psnr: float  #: dB, the same before quantisation
-    seconds: float  #: wall time spent
 
 
 def encode_gop(task: GopTask) -> EncodedGop:
@@ -100,7 +99,6 @@ def encode_gop(task: GopTask) -> EncodedGop:
         payload=payload,
         psnr=_quality(dequantised(gop, bits), taus, frames, settings.threads),
         float_psnr=_quality(gop, taus, frames, settings.threads),
-        seconds=time.perf_counter() - began,
     )
 
 

@@ -185,7 +185,8 @@ def optimise(
         threads: native threads.
     """
     height, width = frames.shape[1:3]
-    coarse = _half(frames) if min(height, width) >= recipe.coarse_min_side else frames
+    large = min(height, width) >= recipe.coarse_min_side
+    coarse = _half(frames) if recipe.coarse and large else frames
     adam = _Adam(field.raw, recipe, (width, height), threads)
     order: Iterator[int] = iter(())
     relocations = iter(recipe.relocations)

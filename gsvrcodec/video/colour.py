@@ -16,7 +16,6 @@ Rgb = NDArray[np.uint8]  #: (H, W, 3) red, green, blue
 
 #: CICP code points (ITU-T H.273) that this module must know by name.
 MATRIX_RGB = 0
-UNSPECIFIED = 2
 MATRIX_BT601 = 6
 
 #: swscale's coefficient set for a CICP matrix; all others are converted as BT.601.
