@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from dataclasses import replace
+from fractions import Fraction
 from threading import Lock
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.levels import by_level
 from gsvrcodec.model.pack import GopContent, unpack_gop
 
 #: Enough for a few readers at different places of one film.
@@ -35,23 +38,40 @@ class GopStore:
         self._cache: OrderedDict[int, Future[GopContent]] = OrderedDict()
         self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
         self._lock = Lock()
+        self._closed = False
 
     def get(self, position: int) -> GopContent:
         """Return the GOP at `position` of the reader's GOPs.
 
         Raises:
             CorruptError: it is damaged; chunk and offset are named.
+            ValueError: the file is closed.
         """
-        return self._future(position).result()
+        try:
+            return self._future(position).result()
+        except CancelledError:
+            self.check_open()
+            raise
 
     def prefetch(self, position: int) -> None:
         """Begin to unpack the GOP at `position`, if there is one, and return at once."""
         if position < len(self.reader.gops):
             self._future(position)
 
+    def position_at(self, ticks: int | Fraction) -> int:
+        """Return the position of the GOP that plays at a time; the first one's before it starts."""
+        return max(0, bisect_right(self._start_pts, ticks) - 1)
+
+    def is_between(self, ticks: int | Fraction) -> bool:
+        """Whether a time is after the last frame of one GOP and before the first of the next."""
+        position = self.position_at(ticks)
+        gops = self.reader.gops[position : position + 2]
+        joined = len(gops) == 2 and gops[0].end_frame == gops[1].first_frame
+        return joined and ticks > gops[0].last_pts
+
     def frame_at(self, ticks: int) -> int:
         """Return the last frame that starts at `ticks` or before, not before the first frame."""
-        content = self.get(max(0, bisect_right(self._start_pts, ticks) - 1))
+        content = self.get(self.position_at(ticks))
         inside = int(np.searchsorted(content.pts, ticks, side="right")) - 1
         return content.first_frame + max(0, inside)
 
@@ -62,8 +82,15 @@ class GopStore:
             return self.reader.gops[after - 1].end_frame
         return self._first_frames[after] if after < len(self._first_frames) else self.reader.frames
 
+    def check_open(self) -> None:
+        """Raise `ValueError` after `close`."""
+        if self._closed:
+            raise ValueError("the decoder is closed")
+
     def close(self) -> None:
         """Forget everything and close the file."""
+        with self._lock:
+            self._closed = True
         self._unpacker.shutdown(cancel_futures=True)
         with self._lock:
             self._cache.clear()
@@ -72,6 +99,7 @@ class GopStore:
     def _future(self, position: int) -> Future[GopContent]:
         """The GOP, or its promise, as the one used last."""
         with self._lock:
+            self.check_open()
             if position not in self._cache:
                 self._cache[position] = self._unpacker.submit(self._unpacked, position)
                 if len(self._cache) > CACHED_GOPS:
@@ -83,7 +111,8 @@ class GopStore:
         """Read and unpack a GOP."""
         payload = self.reader.read_gop(position)
         try:
-            return unpack_gop(payload, self.reader.header, self._limits)
+            content = unpack_gop(payload, self.reader.header, self._limits)
         except CorruptError as error:
             chunk = self.reader.gops[position].chunk
             raise error.located(chunk.name, chunk.offset) from error
+        return replace(content, gop=by_level(content.gop))

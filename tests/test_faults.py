@@ -411,14 +411,18 @@ class TestVersions:
 
     @pytest.mark.parametrize("major", [1, 2, 65535])
     def test_another_major_version_is_unsupported(self, major: int) -> None:
-        with pytest.raises(UnsupportedError, match=rf"version {major}\.2, this decoder reads 0\.x"):
+        with pytest.raises(UnsupportedError, match=rf"version {major}\.3, this decoder reads 0\.x"):
             opened(patched(FILE, HEAD_TYPE, 0, "H", major))
 
-    @pytest.mark.parametrize("bit", [0, 31])
+    @pytest.mark.parametrize("bit", [1, 31])
     def test_flags(self, bit: int) -> None:
         assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
         with pytest.raises(UnsupportedError, match="features this decoder does not know"):
-            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit))
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 1))
+
+    def test_a_file_without_levels_is_unsupported(self) -> None:
+        with pytest.raises(UnsupportedError, match="drawn without levels.*encode the video anew"):
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 0))
 
     @pytest.mark.parametrize("reindex", [False, True])
     def test_unknown_chunks(self, reindex: bool) -> None:

@@ -10,10 +10,12 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 VERSION_MAJOR = 0
-VERSION_MINOR = 2
+VERSION_MINOR = 3
 
-#: Bits of the must-understand flags that this version knows; none yet.
-KNOWN_REQUIRED_FLAGS = 0
+#: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
+PYRAMID_FLAG = 1
+#: All bits of the must-understand flags that this version knows.
+KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
@@ -44,7 +46,7 @@ class Header:
     colour: ColourInfo = field(default_factory=ColourInfo)
     version_major: int = VERSION_MAJOR
     version_minor: int = VERSION_MINOR
-    flags_required: int = 0  #: a reader refuses a file with a bit set that it does not know
+    flags_required: int = PYRAMID_FLAG  #: a reader refuses a file with a bit set that it does not know
     flags_optional: int = 0  #: bits that a reader may ignore
     max_gaussians: int = 0  #: largest N of a GOP
     max_gop_frames: int = 0  #: most frames in a GOP
@@ -100,7 +102,8 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
     """Read and check the payload of a header chunk.
 
     Raises:
-        UnsupportedError: Another major version, or an unknown must-understand flag.
+        UnsupportedError: Another major version, an unknown must-understand flag, or a file of
+            before version 0.3.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -122,6 +125,11 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
         raise UnsupportedError(
             f"the file needs features this decoder does not know (flags {unknown:#010x}, "
             f"version {header.version}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
+        )
+    if not header.flags_required & PYRAMID_FLAG:
+        raise UnsupportedError(
+            f"the file has bitstream version {header.version}, whose Gaussians were drawn without "
+            "levels; this decoder reads 0.3 and later: encode the video anew"
         )
     problem = _problem(header)
     if problem:

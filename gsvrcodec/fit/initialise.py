@@ -12,7 +12,6 @@ from gsvrcodec.fit.flow import FlowEstimator
 from gsvrcodec.fit.motion import Tracker
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 from gsvrcodec.render.native import render_weights
-from gsvrcodec.render.order import tile_order
 
 Frames = NDArray[np.uint8]
 
@@ -182,7 +181,6 @@ def content_aware(
             dropped = rng.choice(from_middle, count, replace=False)
             kept = np.delete(np.arange(gaussians), dropped)
             placed = placed[kept] + start.place(index, needed + 1e-15, here, count)
-    placed = placed[tile_order(placed.position, (frames.shape[2], frames.shape[1]))]
     return start.gop(placed, start.colours(placed))
 
 
@@ -197,9 +195,8 @@ def random_start(
     def uniform(low: float, high: float, *shape: int) -> Float32Array:
         return rng.uniform(low, high, shape).astype(np.float32)
 
-    position = uniform(-1, 1, gaussians, 2)
     return Gop(
-        position=position[tile_order(position, (width, height))],
+        position=uniform(-1, 1, gaussians, 2),
         log_scale=np.log(spacing * uniform(0.25, 1.0, gaussians, 2)),
         rotation=uniform(0, np.pi, gaussians),
         colour=uniform(0, 0.5, gaussians, 3),

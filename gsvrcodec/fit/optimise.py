@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.fit.field import Field, squared_error
-from gsvrcodec.fit.relocate import relocate
+from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.native import _core
 
@@ -122,12 +122,13 @@ class _Adam:
             )
             tensor.grad = None
 
-    def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_]) -> None:
-        """Keep step with Gaussians in a new order, some of which start anew."""
+    def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
+        """Keep step with Gaussians in a new order, some of which may start anew."""
         for name in self._raw.keys() - {"xy", "xt", "yt"}:
             for moments in (self._mean[name], self._square[name]):
                 moments.copy_(moments[order])
-                moments[moved] = 0.0
+                if moved is not None:
+                    moments[moved] = 0.0
 
 
 #: Steps after which their pace is known.
@@ -187,6 +188,7 @@ def optimise(
     height, width = frames.shape[1:3]
     large = min(height, width) >= recipe.coarse_min_side
     coarse = _half(frames) if recipe.coarse and large else frames
+    reorder(field, (width, height))
     adam = _Adam(field.raw, recipe, (width, height), threads)
     order: Iterator[int] = iter(())
     relocations = iter(recipe.relocations)
@@ -199,7 +201,10 @@ def optimise(
         if index is None:
             order = iter(rng.permutation(len(frames)).tolist())
             index = next(order)
-        target = coarse[index] if spent < recipe.coarse else frames[index]
+        if coarse is not frames and spent >= recipe.coarse:
+            coarse = frames
+            adam.rearrange(reorder(field, (width, height)))
+        target = coarse[index]
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)

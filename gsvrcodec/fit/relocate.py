@@ -13,7 +13,7 @@ from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.initialise import Frames, sample_pixels
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.render import render_frames
-from gsvrcodec.render.order import tile_order
+from gsvrcodec.render.order import drawing_order
 
 #: Part of the Gaussians that moves.
 _SHARE = 0.1
@@ -79,10 +79,18 @@ def relocate(
         raw["colour"][weakest] = 0.0
         low, high = _SIGMA_RANGE
         raw["log_scale"][weakest] = raw["log_scale"][weakest].clamp(math.log(low), math.log(high))
-        order = tile_order(raw["position"].numpy(force=True), coded_size)
+    order = reorder(field, coded_size)
+    return order, np.isin(order, weakest)
+
+
+def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
+    """Put the Gaussians of `field` in rendering order, in place; returns where each was before."""
+    raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
+    with torch.no_grad():
+        order = drawing_order(raw["position"].numpy(), raw["log_scale"].numpy(), coded_size)
         for tensor in raw.values():
             tensor.copy_(tensor[order])
-    return order, np.isin(order, weakest)
+    return order
 
 
 def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:

@@ -38,19 +38,19 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
 
 void render_rgb8(const Model &model, const float *taus, int frames, Size size, Size coded,
                  int threads, std::uint8_t *out) {
-    const Setting setting{model, size, coded, kernels()};
+    const Setting setting(model, size, coded);
     render(setting, taus, frames, threads, out, setting.kernels.to_rgb8);
 }
 
 void render_float(const Model &model, const float *taus, int frames, Size size, Size coded,
                   int threads, float *out) {
-    const Setting setting{model, size, coded, kernels()};
+    const Setting setting(model, size, coded);
     render(setting, taus, frames, threads, out, setting.kernels.to_float);
 }
 
 void backward_float(const Model &model, float tau, Size size, Size coded, int threads,
                     const float *weights, const Model &gradient) {
-    const Setting setting{model, size, coded, kernels()};
+    const Setting setting(model, size, coded);
     const Borrowed space;
     Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);
@@ -62,11 +62,11 @@ void backward_float(const Model &model, float tau, Size size, Size coded, int th
 
 double squared_error(const Model &model, float tau, Size size, Size coded, int threads,
                      const std::uint8_t *target, const Model &gradient) {
-    const Setting setting{model, size, coded, kernels()};
+    const Setting setting(model, size, coded);
     const Borrowed space;
     Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);
-    double *sums = space->sums.reserve(setting.bands());
+    double *sums = space->sums.reserve(setting.levels[0].bands());
     const double samples = 3.0 * size.width * size.height;
     scene.backward(true, gradient, [&](int index, Extent rows, const Pixels &pixels) {
         sums[index] =
@@ -75,7 +75,7 @@ double squared_error(const Model &model, float tau, Size size, Size coded, int t
                                      static_cast<float>(2.0 / samples));
     });
     double total = 0.0;
-    for (int band = 0; band < setting.bands(); ++band) total += sums[band];
+    for (int band = 0; band < setting.levels[0].bands(); ++band) total += sums[band];
     return total / samples;
 }
 

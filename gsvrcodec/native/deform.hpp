@@ -8,11 +8,16 @@ struct Deformed {
     vf scale_base[2];      // exp(log_scale)
     vf scale_sum[2];       // before the minimum is applied
     vf scale[2];
+    vi level;
+    vf unit;               // of the level: 2^-level
+    vi wide[2];            // mask: the variance is above its minimum
+    vf variance[2];        // along the axes, px^2 of the coded frame
+    vf amplitude;
     vi finite;                        // mask: these lanes hold Gaussians, whose scales are finite
     vf sine, cosine;                  // of twice the angle
-    vf spread;                        // (s0^2 - s1^2) / 2
+    vf spread;                        // half the difference of the variances
     vf gate;                          // 1 - alpha
-    vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the rendered frame
+    vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the level
     vf inverse_xx, inverse_xy, inverse_yy;
 };
 
@@ -36,16 +41,35 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
            d.cosine);
     d.gate = 1.0f - load_fields<1>(model.alpha, i, count).column[0];
 
-    const vf s0 = d.scale[0] * d.scale[0], s1 = d.scale[1] * d.scale[1];
-    const vf mean = 0.5f * (s0 + s1) + kDilation;
-    d.spread = 0.5f * (s0 - s1);
-    const float zx = static_cast<float>(frame.width) / static_cast<float>(frame.coded_width);
-    const float zy = static_cast<float>(frame.height) / static_cast<float>(frame.coded_height);
+    const vf least = min(log_scale.column[0], log_scale.column[1]);
+    d.level = vi{};
+    for (int level = 1; level < kLevels; ++level)
+        d.level -= (vi)(least >= frame.level_log_scale[level]);
+    d.unit = (vf)((127 - d.level) << 23);
+    const vi above = d.level > 0;
+    const vf area = 1.0f / (d.unit * d.unit * (frame.zoom * frame.zoom));
+    const float antialias = kAntialias * max(1.0f / (frame.zoom * frame.zoom) - 1.0f, 0.0f);
+    const vf widening = above ? -kUpsampling * area : splat(kDilation + antialias);
+    const vf floor = where(above, kMinVariance * area);
+    vf ratio = splat(1.0f);
+    for (int k = 0; k < 2; ++k) {
+        const vf square = d.scale[k] * d.scale[k];
+        d.wide[k] = square + widening > floor;
+        d.variance[k] = max(square + widening, floor);
+        ratio *= (square + kDilation) / d.variance[k];
+    }
+    d.amplitude = sqrt(ratio);
+    const vf mean = 0.5f * (d.variance[0] + d.variance[1]);
+    d.spread = 0.5f * (d.variance[0] - d.variance[1]);
+    const vf zx =
+        d.unit * (static_cast<float>(frame.width) / static_cast<float>(frame.coded_width));
+    const vf zy =
+        d.unit * (static_cast<float>(frame.height) / static_cast<float>(frame.coded_height));
     d.sigma_xx = (mean + d.spread * d.cosine) * (zx * zx);
     d.sigma_xy = d.spread * d.sine * (zx * zy);
     d.sigma_yy = (mean - d.spread * d.cosine) * (zy * zy);
     // The determinant from the axes: the products of a thin Gaussian's entries would cancel.
-    const vf inverse_det = 1.0f / ((s0 + kDilation) * (s1 + kDilation) * (zx * zx * zy * zy));
+    const vf inverse_det = 1.0f / (d.variance[0] * d.variance[1] * (zx * zx * zy * zy));
     d.inverse_xx = d.sigma_yy * inverse_det;
     d.inverse_xy = -d.sigma_xy * inverse_det;
     d.inverse_yy = d.sigma_xx * inverse_det;
@@ -59,7 +83,11 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     const Fields<2> linear = load_fields<2>(model.linear, i, count);
     const Fields<2> quadratic = load_fields<2>(model.quadratic, i, count);
     const Fields<3> colour = load_fields<3>(model.colour, i, count);
-    const float width = static_cast<float>(frame.width), height = static_cast<float>(frame.height);
+    const vf width = d.unit * static_cast<float>(frame.width);
+    const vf height = d.unit * static_cast<float>(frame.height);
+    const vi round_up = (1 << d.level) - 1;
+    const vf columns = to_float((frame.width + round_up) >> d.level);
+    const vf rows = to_float((frame.height + round_up) >> d.level);
     vf centre[2];
     for (int k = 0; k < 2; ++k) {
         const vf mu = d.position.column[k] + linear.column[k] * frame.tau +
@@ -77,9 +105,9 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     vi drawn = d.finite & (reach_x < kFar) & (reach_y < kFar) & (absolute(centre[0]) < kFar) &
                (absolute(centre[1]) < kFar) & (absolute(slope) < kFar) & (across < kFar * kFar) &
                (down < kFar * kFar) & (centre[0] + reach_x >= 0.0f) &
-               (centre[0] - reach_x <= width);
+               (centre[0] - reach_x <= columns);
     for (int k = 0; k < 3; ++k) {
-        const vf c = colour.column[k] + d.offset[5 + k];
+        const vf c = d.amplitude * (colour.column[k] + d.offset[5 + k]);
         drawn &= is_finite(c);
         store(out.colour[k] + l, c);
     }
@@ -91,10 +119,11 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     store(out.down + l, down);
     store(out.decay + l, exp2(-min((2.0f * kRows * kRows) * down, splat(120.0f))));
     store(out.low_x + l, d.sigma_xy / d.sigma_yy * reach_y);
-    store(out.x_begin + l, first_inside(centre[0] - reach_x, width) & -kColumns & drawn);
-    store(out.x_end + l, end_inside(centre[0] + reach_x, width) & drawn);
-    store(out.row_begin + l, first_inside(centre[1] - reach_y, height) & drawn);
-    store(out.row_end + l, end_inside(centre[1] + reach_y, height) & drawn);
+    store(out.x_begin + l, first_inside(centre[0] - reach_x, columns) & -kColumns & drawn);
+    store(out.x_end + l, end_inside(centre[0] + reach_x, columns) & drawn);
+    store(out.row_begin + l, first_inside(centre[1] - reach_y, rows) & drawn);
+    store(out.row_end + l, end_inside(centre[1] + reach_y, rows) & drawn);
+    store(out.level + l, d.level);
 }
 
 void project(const Model &model, const Frame &frame, int begin, int end, Splats *splats,
@@ -106,13 +135,21 @@ void project(const Model &model, const Frame &frame, int begin, int end, Splats 
             const int i = block * kBlock + l;
             project_lanes(model, frame, i, max(min(model.n - i, kLanes), 0), out, l);
         }
-        int first = frame.height, last = 0;
-        for (int l = 0; l < kBlock; ++l) {
-            const bool drawn = out.row_begin[l] < out.row_end[l];
-            first = drawn ? min(first, out.row_begin[l]) : first;
-            last = drawn ? max(last, out.row_end[l]) : last;
+        unsigned levels = 0;
+        for (int l = 0; l < kBlock; ++l) levels |= 1u << out.level[l];
+        BlockRows *own = rows + block;
+        for (int level = 0; level < kLevels; ++level, own += blocks(model)) {
+            own->begin = own->end = 0;
+            if (!(levels >> level & 1)) continue;
+            int first = frame.height, last = 0;
+            for (int l = 0; l < kBlock; ++l) {
+                const bool drawn =
+                    (out.row_begin[l] < out.row_end[l]) & (out.level[l] == level);
+                first = drawn ? min(first, out.row_begin[l]) : first;
+                last = drawn ? max(last, out.row_end[l]) : last;
+            }
+            own->begin = first;
+            own->end = last;
         }
-        rows[block].begin = first;
-        rows[block].end = last;
     }
 }

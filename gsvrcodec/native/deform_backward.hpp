@@ -17,8 +17,8 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     Fields<2> position, linear, quadratic;
     vf gate{};
     for (int k = 0; k < 2; ++k) {
-        const vf g =
-            where(drawn, gcentre[k] * (0.5f * static_cast<float>(k ? frame.height : frame.width)));
+        const vf g = where(drawn, gcentre[k] * (d.unit * (0.5f * static_cast<float>(
+                                                               k ? frame.height : frame.width))));
         position.column[k] = g;
         linear.column[k] = g * tau;
         quadratic.column[k] = g * (tau * tau);
@@ -28,27 +28,33 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     store_fields<2>(gradient.linear, i, count, linear);
     store_fields<2>(gradient.quadratic, i, count, quadratic);
     store_fields<1>(gradient.alpha, i, count, {{-gate}});
-    for (int k = 0; k < 3; ++k) offset[5 + k] = where(drawn, moment[k]);
+    const Fields<3> colour = load_fields<3>(model.colour, i, count);
+    vf along_amplitude{};  // gradient of the amplitude's logarithm
+    for (int k = 0; k < 3; ++k) {
+        offset[5 + k] = where(drawn, d.amplitude * moment[k]);
+        along_amplitude += offset[5 + k] * (colour.column[k] + d.offset[5 + k]);
+    }
     store_fields<3>(gradient.colour, i, count, {{offset[5], offset[6], offset[7]}});
 
     // Covariance, along its own axes (no cancellation when it is thin): the second moments m in
     // pixels of the coded frame give the gradient m_ij / (2 lambda_i lambda_j).
-    const float zx = static_cast<float>(frame.coded_width) / static_cast<float>(frame.width);
-    const float zy = static_cast<float>(frame.coded_height) / static_cast<float>(frame.height);
+    const vf zx =
+        static_cast<float>(frame.coded_width) / static_cast<float>(frame.width) / d.unit;
+    const vf zy =
+        static_cast<float>(frame.coded_height) / static_cast<float>(frame.height) / d.unit;
     const vf cxx = mxx * (zx * zx), cxy = mxy * (zx * zy), cyy = myy * (zy * zy);
     const vf half = 0.5f * (cxx - cyy);
     const vf along = half * d.cosine + cxy * d.sine;
     const vf across = cxy * d.cosine - half * d.sine;
-    const vf lambda0 = d.scale[0] * d.scale[0] + kDilation;
-    const vf lambda1 = d.scale[1] * d.scale[1] + kDilation;
-    offset[4] = where(drawn, 2.0f * d.spread * across / (lambda0 * lambda1));
+    offset[4] = where(drawn, 2.0f * d.spread * across / (d.variance[0] * d.variance[1]));
     store_fields<1>(gradient.rotation, i, count, {{offset[4]}});
     Fields<2> log_scale;
     for (int k = 0; k < 2; ++k) {
-        const vf lambda = k ? lambda1 : lambda0;
         const vf spread = 0.5f * (cxx + cyy) + (k ? -along : along);
-        offset[2 + k] =
-            where(drawn & (d.scale_sum[k] >= kMinScale), d.scale[k] * spread / (lambda * lambda));
+        const vf inverse = 1.0f / d.variance[k];
+        const vf of_variance = where(d.wide[k], inverse * (spread * inverse - along_amplitude));
+        const vf of_square = of_variance + along_amplitude / (d.scale[k] * d.scale[k] + kDilation);
+        offset[2 + k] = where(drawn & (d.scale_sum[k] >= kMinScale), d.scale[k] * of_square);
         log_scale.column[k] = where(drawn, offset[2 + k] * d.scale_base[k]);
     }
     store_fields<2>(gradient.log_scale, i, count, log_scale);

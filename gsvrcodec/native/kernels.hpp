@@ -16,6 +16,13 @@ constexpr int kStripWidth = 8;                  // columns of a strip
 constexpr int kRowFloats = 3 * kStripWidth;
 constexpr int kBlock = 16;  // Gaussians whose splats lie together
 
+// The pyramid: a level has half the sides of the one below it.
+constexpr int kLevels = 5;
+constexpr float kLevelScale = 1.0f;     // px of a level above 0: the smallest scale drawn on it
+constexpr float kUpsampling = 0.1875f;  // px^2 of a level: what bilinear interpolation widens by
+constexpr float kMinVariance = 0.5f;    // px^2 of a level above 0
+constexpr float kAntialias = 0.25f;     // px^2 of a frame smaller than the coded one
+
 // Parameters of one GOP, or the gradients with respect to them: the arrays of model/gop.py.
 struct Model {
     float *position, *log_scale, *rotation, *colour, *alpha, *linear, *quadratic;
@@ -27,6 +34,8 @@ struct Model {
 struct Frame {
     float tau;
     int width, height, coded_width, coded_height;
+    float zoom;                      // of its sides against the coded ones, the lesser
+    float level_log_scale[kLevels];  // least log-scale of each level; that of level 0 is not used
     const float *xt_line;  // (gx, 8): the xt grid at tau
     const float *yt_line;  // (gy, 8)
 };
@@ -43,6 +52,7 @@ struct alignas(64) Splats {
     std::int32_t x_begin[kBlock], x_end[kBlock];      // columns it may touch, on the frame; the
                                                       // first one that begins a vector
     std::int32_t row_begin[kBlock], row_end[kBlock];  // rows; empty when it touches no pixel
+    std::int32_t level[kBlock];                       // whose pixels all these are in
 };
 
 // Rows [begin, end).
@@ -50,15 +60,25 @@ struct Extent {
     int begin, end;
 };
 
-// Rows that any of a block's splats touches, and where its moments lie: kBlock for each band that
-// it touches, from slot * kBlock on.
+// Rows that any of a block's splats touches on one level, and where its moments lie: kBlock for
+// each band that it touches, from slot * kBlock on.
 struct BlockRows {
     int begin, end, slot;
 };
 
+inline int blocks(const Model &model) { return (model.n + kBlock - 1) / kBlock; }
+
 inline int block_bands(const BlockRows &rows, int band_rows) {
     return rows.begin < rows.end ? (rows.end - 1) / band_rows - rows.begin / band_rows + 1 : 0;
 }
+
+// The splats of one level: blocks [begin, end) hold some, among those of other levels.
+struct LevelSplats {
+    const Splats *splats;   // of all blocks
+    const BlockRows *rows;  // of all blocks
+    int level, begin, end;
+    int band_rows;  // rows of a band of this level
+};
 
 // Sums over pixels of one band that the gradient of one Gaussian is made of.
 struct alignas(32) Moments {
@@ -66,10 +86,10 @@ struct alignas(32) Moments {
     float x, y, xx, xy, yy;
 };
 
-// Rows [first_row, first_row + rows) of a frame, in vertical strips of kStripWidth columns:
+// Rows [first_row, first_row + rows) of a picture, in vertical strips of kStripWidth columns:
 // [strip][row / r][channel][row % r][column], r rows to a vector. All rows of a strip lie together,
 // so that a Gaussian's columns lie in few pages and cache lines. first_row and rows are multiples
-// of r. Rows and columns beyond the frame are scratch.
+// of r. Rows and columns beyond the picture are scratch.
 struct Pixels {
     float *data;
     int first_row, rows;
@@ -79,23 +99,32 @@ struct Kernels {
     const char *isa;
     int lanes;      // floats of a vector
     int band_rows;  // rows that are rasterised at once: bounds the recurrence's rounding
-    // Deforms and projects the Gaussians of blocks [begin, end); slots are left as they are.
-    void (*project)(const Model &, const Frame &, int begin, int end, Splats *, BlockRows *);
-    // Adds a model's splats to the rows of one band.
-    void (*rasterise)(const Splats *, const BlockRows *, int blocks, Extent band, Pixels);
+    // Deforms and projects the Gaussians of blocks [begin, end). `rows` holds all blocks of level 0,
+    // then those of level 1 and so on; slots are left as they are.
+    void (*project)(const Model &, const Frame &, int begin, int end, Splats *, BlockRows *rows);
+    // Adds the splats of one level to the rows of one band of it.
+    void (*rasterise)(const LevelSplats &, Extent band, Pixels);
+    // Sets rows of a picture to the next level at twice its size.
+    void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine,
+                     int fine_width, Extent rows);
+    // The adjoint: sets rows of the next level's gradient from those of `fine`, which are zero
+    // beyond the picture. What falls on the rows before and after them goes to `edges`, two lines
+    // of kRowFloats for each strip of the next level.
+    void (*downsample)(Pixels fine, int fine_width, int fine_height, Extent rows, Pixels coarse,
+                       int coarse_width, float *edges);
     // Rows to interleaved samples, and back; the samples' first row is the first of `rows`.
     void (*to_rgb8)(Pixels, const Frame &, Extent rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, Extent rows, float *out);
     void (*from_float)(const float *in, const Frame &, Extent rows, Pixels);
     // Replaces rows by (clamp(value) - target) * scale; returns the sum of squared residuals.
     double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target, float scale);
-    // Moments of a model's splats from the gradient `pixels` of one band.
-    void (*gather)(const Splats *, const BlockRows *, int blocks, Extent band, Pixels, Moments *);
+    // Moments of the splats of one level from the gradient `pixels` of one band of it.
+    void (*gather)(const LevelSplats &, Extent band, Pixels, Moments *);
     // Gradients of the Gaussians of blocks [begin, end) from the moments of all bands. Plane
     // gradients are added to `xy` and to the lines; the rest is written to `gradient`.
-    void (*backward)(const Model &, const Frame &, const Splats *, const BlockRows *,
-                     const Moments *, int begin, int end, const Model &gradient, float *xy,
-                     float *xt_line, float *yt_line);
+    void (*backward)(const Model &, const Frame &, const LevelSplats (&)[kLevels], const Moments *,
+                     int begin, int end, const Model &gradient, float *xy, float *xt_line,
+                     float *yt_line);
     // One Adam step over n numbers. `rate` (bias correction included) has `period` entries and
     // repeats; the second moment is scaled by `correction` before its root.
     void (*adam)(float *value, const float *gradient, float *mean, float *square, std::int64_t n,

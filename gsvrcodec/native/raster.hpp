@@ -27,14 +27,13 @@ static inline void add_column(const Splats &s, const Columns &c, int n, const Pi
     });
 }
 
-void rasterise(const Splats *splats, const BlockRows *rows, int blocks, Extent band,
-               Pixels pixels) {
+void rasterise(const LevelSplats &of, Extent band, Pixels pixels) {
     const FlushDenormals flush;
     Columns c;
-    for (int block = 0; block < blocks; ++block) {
-        if (!touches(rows[block], band)) continue;
-        const Splats &s = splats[block];
-        for_columns(s, band, c, [&] {
+    for (int block = of.begin; block < of.end; ++block) {
+        if (!touches(of.rows[block], band)) continue;
+        const Splats &s = of.splats[block];
+        for_columns(s, of.level, band, c, [&] {
             for (int n = 0; n < c.count; ++n) add_column(s, c, n, pixels);
         });
     }
@@ -92,31 +91,34 @@ static inline void gather_columns(const Splats &s, const Columns &c, const Pixel
     }
 }
 
-void gather(const Splats *splats, const BlockRows *rows, int blocks, Extent band, Pixels pixels,
-            Moments *moments) {
+void gather(const LevelSplats &of, Extent band, Pixels pixels, Moments *moments) {
     const FlushDenormals flush;
     Columns c;
-    for (int block = 0; block < blocks; ++block) {
-        if (!touches(rows[block], band)) continue;
-        const Splats &s = splats[block];
-        const int index = band.begin / kBandRows - rows[block].begin / kBandRows;
-        Moments *own = moments + static_cast<std::ptrdiff_t>(rows[block].slot + index) * kBlock;
+    for (int block = of.begin; block < of.end; ++block) {
+        const BlockRows &rows = of.rows[block];
+        if (!touches(rows, band)) continue;
+        const Splats &s = of.splats[block];
+        const int index = band.begin / of.band_rows - rows.begin / of.band_rows;
+        Moments *own = moments + static_cast<std::ptrdiff_t>(rows.slot + index) * kBlock;
         for (int l = 0; l < kBlock; ++l) own[l] = {};
-        for_columns(s, band, c, [&] { gather_columns(s, c, pixels, own); });
+        for_columns(s, of.level, band, c, [&] { gather_columns(s, c, pixels, own); });
     }
 }
 
-void backward(const Model &model, const Frame &frame, const Splats *splats, const BlockRows *rows,
+void backward(const Model &model, const Frame &frame, const LevelSplats (&levels)[kLevels],
               const Moments *moments, int begin, int end, const Model &gradient, float *xy,
               float *xt_line, float *yt_line) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
-        const Splats &s = splats[block];
+        const Splats &s = levels[0].splats[block];
         Moments total[kBlock] = {};
-        const Moments *part = moments + static_cast<std::ptrdiff_t>(rows[block].slot) * kBlock;
-        for (int slot = 0; slot < block_bands(rows[block], kBandRows); ++slot, part += kBlock)
-            for (int l = 0; l < kBlock; ++l)
-                store8(total[l].colour, load8(total[l].colour) + load8(part[l].colour));
+        for (const LevelSplats &of : levels) {
+            const BlockRows &rows = of.rows[block];
+            const Moments *part = moments + static_cast<std::ptrdiff_t>(rows.slot) * kBlock;
+            for (int slot = 0; slot < block_bands(rows, of.band_rows); ++slot, part += kBlock)
+                for (int l = 0; l < kBlock; ++l)
+                    store8(total[l].colour, load8(total[l].colour) + load8(part[l].colour));
+        }
         for (int l = 0; l < kBlock; l += kLanes) {
             const int i = block * kBlock + l, count = min(model.n - i, kLanes);
             if (count <= 0) break;

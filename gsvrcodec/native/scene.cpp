@@ -1,6 +1,7 @@
 #include "scene.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace gsvr {
@@ -47,31 +48,76 @@ std::size_t plane_floats(const Model &m) {
     return (static_cast<std::size_t>(m.gx) * m.gy + m.gx + m.gy) * kChannels;
 }
 
+// Adds a line of edges to a row of a picture whose vectors have `lanes` pixels.
+void add_line(const float *line, const Level &level, int row, int lanes, const Pixels &pixels) {
+    const int rows = std::max(lanes / kStripWidth, 1);
+    float *p = pixels.data + static_cast<std::size_t>(row / rows) * rows * kRowFloats +
+               row % rows * kStripWidth;
+    for (int strip = 0; strip < level.strips(); ++strip)
+        for (int c = 0; c < 3; ++c)
+            for (int i = 0; i < kStripWidth; ++i)
+                p[(static_cast<std::size_t>(strip) * pixels.rows * 3 + c * rows) * kStripWidth +
+                  i] += line[(strip * 3 + c) * kStripWidth + i];
+}
+
+// Floats of the pictures of the levels above 0, one after the other.
+std::size_t picture_floats(const Setting &setting, int levels = kLevels) {
+    std::size_t floats = 0;
+    for (int level = 1; level < levels; ++level) floats += setting.levels[level].floats();
+    return floats;
+}
+
+// Floats of the edges that the bands of a level leave: two lines of the next level each.
+std::size_t edge_floats(const Setting &setting, int levels = kLevels - 1) {
+    std::size_t floats = 0;
+    for (int level = 0; level < levels; ++level)
+        floats += 2 * setting.levels[level].bands() * setting.levels[level + 1].line_floats();
+    return floats;
+}
+
 }  // namespace
 
-Extent Setting::band(int index) const {
-    const int begin = index * kernels.band_rows;
-    return {begin, std::min(begin + kernels.band_rows, size.height)};
+Extent Level::band(int index) const {
+    const int begin = index * band_rows;
+    return {begin, std::min(begin + band_rows, size.height)};
+}
+
+Setting::Setting(const Model &model_, Size size_, Size coded_)
+    : model(model_), size(size_), coded(coded_), kernels(gsvr::kernels()) {
+    for (int level = 0; level < kLevels; ++level) {
+        const int round_up = (1 << level) - 1;
+        // Shorter bands above: there are few of them for the threads to share.
+        levels[level] = {{(size.width + round_up) >> level, (size.height + round_up) >> level},
+                         level ? kernels.band_rows / 2 : kernels.band_rows};
+    }
 }
 
 void Scene::reserve(const Setting &setting, int bands, Workspace &space) {
     const Model &m = setting.model;
-    space.splats.reserve(setting.blocks());
-    space.rows.reserve(setting.blocks());
+    space.splats.reserve(blocks(m));
+    space.rows.reserve(static_cast<std::size_t>(blocks(m)) * kLevels);
     space.lines.reserve(static_cast<std::size_t>(m.gx + m.gy) * kChannels);
-    space.pixels.reserve(bands * setting.band_floats());
+    space.pixels.reserve(bands * setting.levels[0].band_floats());
+    space.pictures.reserve(picture_floats(setting));
 }
 
 Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
     : setting_(setting), space_(space), threads_(threads) {
     const Model &m = setting.model;
+    const double zoom = std::min(static_cast<double>(setting.size.width) / setting.coded.width,
+                                 static_cast<double>(setting.size.height) / setting.coded.height);
     frame_ = {tau,
               setting.size.width,
               setting.size.height,
               setting.coded.width,
               setting.coded.height,
+              static_cast<float>(zoom),
+              {},
               nullptr,
               nullptr};
+    for (int level = 1; level < kLevels; ++level)
+        frame_.level_log_scale[level] =
+            static_cast<float>(std::log(kLevelScale * (1 << level) / zoom));
     if (m.gx > 0) {
         float *xt = space.lines.get(), *yt = xt + m.gx * kChannels;
         slice(m.xt, m.gx, instant(tau, m.gt), xt);
@@ -79,28 +125,100 @@ Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
         frame_.xt_line = xt;
         frame_.yt_line = yt;
     }
-    const int blocks = setting.blocks();
-    parallel_for((blocks + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
+    const int count = blocks(m);
+    parallel_for((count + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
         const int begin = job * kProjectBlocks;
-        setting.kernels.project(m, frame_, begin, std::min(begin + kProjectBlocks, blocks),
+        setting.kernels.project(m, frame_, begin, std::min(begin + kProjectBlocks, count),
                                 space.splats.get(), space.rows.get());
     });
+    for (int level = 0; level < kLevels; ++level) {
+        const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(level) * count;
+        const auto empty = [&](int block) { return rows[block].begin >= rows[block].end; };
+        int begin = 0, end = count;
+        while (begin < end && empty(begin)) ++begin;
+        while (begin < end && empty(end - 1)) --end;
+        splats_[level] = {space.splats.get(), rows, level, begin, end,
+                          setting.levels[level].band_rows};
+        if (begin < end) top_ = level;
+    }
 }
 
-void Scene::rasterise(Extent rows, const Pixels &pixels) const {
-    std::memset(pixels.data, 0, setting_.band_floats() * sizeof(float));
-    setting_.kernels.rasterise(space_.splats.get(), space_.rows.get(), setting_.blocks(), rows,
-                               pixels);
+Pixels Scene::picture(int level) const {
+    const Level &own = setting_.levels[level];
+    return {space_.pictures.get() + picture_floats(setting_, level), 0,
+            own.bands() * own.band_rows};
+}
+
+Pixels Scene::picture_gradient(int level) const {
+    const Level &own = setting_.levels[level];
+    return {space_.picture_gradients.get() + picture_floats(setting_, level), 0,
+            own.bands() * own.band_rows};
+}
+
+float *Scene::edges(int level) const { return space_.edges.get() + edge_floats(setting_, level); }
+
+void Scene::render_levels() const {
+    for (int level = top_; level > 0; --level) {
+        const Level &own = setting_.levels[level];
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            rasterise(level, own.band(index), picture(level));
+        });
+    }
+}
+
+void Scene::rasterise(int level, Extent rows, const Pixels &pixels) const {
+    const Level &own = setting_.levels[level];
+    if (level < top_) {
+        const Size above = setting_.levels[level + 1].size;
+        setting_.kernels.upsample(picture(level + 1), above.width, above.height, pixels,
+                                  own.size.width, rows);
+    } else {
+        float *first = pixels.data + static_cast<std::size_t>(rows.begin - pixels.first_row) *
+                                         kRowFloats;
+        for (int strip = 0; strip < own.strips(); ++strip)
+            std::memset(first + static_cast<std::size_t>(strip) * pixels.rows * kRowFloats, 0,
+                        sizeof(float) * kRowFloats * own.band_rows);
+    }
+    setting_.kernels.rasterise(splats_[level], rows, pixels);
+}
+
+void Scene::gather(int level, Extent rows, const Pixels &pixels) const {
+    setting_.kernels.gather(splats_[level], rows, pixels, space_.moments.get());
+    if (level == top_) return;
+    const Level &own = setting_.levels[level], &above = setting_.levels[level + 1];
+    setting_.kernels.downsample(
+        pixels, own.size.width, own.size.height, rows, picture_gradient(level + 1),
+        above.size.width, edges(level) + rows.begin / own.band_rows * 2 * above.line_floats());
+}
+
+void Scene::gather_levels() const {
+    for (int level = 1; level <= top_; ++level) {
+        const Level &own = setting_.levels[level], &below = setting_.levels[level - 1];
+        const Pixels pixels = picture_gradient(level);
+        for (int index = 0; index < below.bands(); ++index) {
+            const Extent band = below.band(index);
+            const float *lines = edges(level - 1) + 2 * index * own.line_floats();
+            const int lanes = setting_.kernels.lanes;
+            if (index) add_line(lines, own, band.begin / 2 - 1, lanes, pixels);
+            if (index + 1 < below.bands())
+                add_line(lines + own.line_floats(), own, band.end / 2, lanes, pixels);
+        }
+        parallel_for(own.bands(), threads_,
+                     [&](int index, int) { gather(level, own.band(index), pixels); });
+    }
 }
 
 void Scene::reserve_backward() const {
     space_.plane_gradients.reserve(kGroups * plane_floats(setting_.model));
+    space_.picture_gradients.reserve(picture_floats(setting_));
+    space_.edges.reserve(edge_floats(setting_));
     BlockRows *rows = space_.rows.get();
     std::size_t slots = 0;
-    for (int block = 0; block < setting_.blocks(); ++block) {
-        rows[block].slot = static_cast<int>(slots);
-        slots += block_bands(rows[block], setting_.kernels.band_rows);
-    }
+    for (const LevelSplats &of : splats_)
+        for (int block = 0; block < blocks(setting_.model); ++block, ++rows) {
+            rows->slot = static_cast<int>(slots);
+            slots += block_bands(*rows, of.band_rows);
+        }
     space_.moments.reserve(slots * kBlock);
 }
 
@@ -110,14 +228,13 @@ void Scene::backward_deformation(const Model &gradient) const {
     const std::size_t xt = static_cast<std::size_t>(m.gx) * kChannels;
     const std::size_t group = plane_floats(m);
     float *sums = space_.plane_gradients.get();
-    const int blocks = setting_.blocks(), size = (blocks + kGroups - 1) / kGroups;
+    const int count = blocks(m), size = (count + kGroups - 1) / kGroups;
     parallel_for(kGroups, threads_, [&](int job, int) {
         float *own = sums + job * group;
         if (group) std::memset(own, 0, group * sizeof(float));
-        setting_.kernels.backward(m, frame_, space_.splats.get(), space_.rows.get(),
-                                  space_.moments.get(), std::min(job * size, blocks),
-                                  std::min(job * size + size, blocks), gradient, own, own + xy,
-                                  own + xy + xt);
+        setting_.kernels.backward(m, frame_, splats_, space_.moments.get(),
+                                  std::min(job * size, count), std::min(job * size + size, count),
+                                  gradient, own, own + xy, own + xy + xt);
     });
     if (m.gx == 0) return;
     for (int job = 1; job < kGroups; ++job)

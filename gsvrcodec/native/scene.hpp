@@ -1,4 +1,4 @@
-// A frame of a model made ready for rendering: time slices, splats, bands.
+// A frame of a model made ready for rendering: time slices, splats, and the levels they are on.
 #pragma once
 
 #include "core.hpp"
@@ -8,20 +8,28 @@
 
 namespace gsvr {
 
-// What does not change from frame to frame of one call.
-struct Setting {
-    const Model &model;
-    Size size, coded;
-    const Kernels &kernels;
+// A level of the pyramid, cut into bands that are rasterised one by one.
+struct Level {
+    Size size;
+    int band_rows;
 
-    int blocks() const { return (model.n + kBlock - 1) / kBlock; }
-    int bands() const { return (size.height + kernels.band_rows - 1) / kernels.band_rows; }
+    int bands() const { return (size.height + band_rows - 1) / band_rows; }
     Extent band(int index) const;
     int strips() const { return (size.width + kStripWidth - 1) / kStripWidth; }
-    // Floats of a buffer for one band.
-    std::size_t band_floats() const {
-        return static_cast<std::size_t>(strips()) * kernels.band_rows * kRowFloats;
-    }
+    // Floats of a line, of one band and of the whole picture.
+    std::size_t line_floats() const { return static_cast<std::size_t>(strips()) * kRowFloats; }
+    std::size_t band_floats() const { return line_floats() * band_rows; }
+    std::size_t floats() const { return band_floats() * bands(); }
+};
+
+// What does not change from frame to frame of one call.
+struct Setting {
+    Setting(const Model &, Size size, Size coded);
+
+    const Model &model;
+    const Size size, coded;
+    const Kernels &kernels;
+    Level levels[kLevels];
 };
 
 class Scene {
@@ -37,8 +45,9 @@ class Scene {
     // Rasterises band after band and hands each to done(index, rows, pixels).
     template <class Done>
     void render(Done done) const {
+        render_levels();
         for_bands([&](int index, Extent rows, const Pixels &pixels) {
-            rasterise(rows, pixels);
+            rasterise(0, rows, pixels);
             done(index, rows, pixels);
         });
     }
@@ -48,26 +57,38 @@ class Scene {
     template <class Fill>
     void backward(bool render_first, const Model &gradient, Fill fill) const {
         reserve_backward();
+        if (render_first) render_levels();
         for_bands([&](int index, Extent rows, const Pixels &pixels) {
-            if (render_first) rasterise(rows, pixels);
+            if (render_first) rasterise(0, rows, pixels);
             fill(index, rows, pixels);
-            setting_.kernels.gather(space_.splats.get(), space_.rows.get(), setting_.blocks(), rows,
-                                    pixels, space_.moments.get());
+            gather(0, rows, pixels);
         });
+        gather_levels();
         backward_deformation(gradient);
     }
 
    private:
     template <class Body>
     void for_bands(Body body) const {
-        parallel_for(setting_.bands(), threads_, [&](int index, int worker) {
-            const Extent rows = setting_.band(index);
+        const Level &frame = setting_.levels[0];
+        parallel_for(frame.bands(), threads_, [&](int index, int worker) {
+            const Extent rows = frame.band(index);
             body(index, rows,
-                 Pixels{space_.pixels.get() + worker * setting_.band_floats(), rows.begin,
-                        setting_.kernels.band_rows});
+                 Pixels{space_.pixels.get() + worker * frame.band_floats(), rows.begin,
+                        frame.band_rows});
         });
     }
-    void rasterise(Extent rows, const Pixels &) const;
+    // The whole picture of a level above 0, or its gradient.
+    Pixels picture(int level) const;
+    Pixels picture_gradient(int level) const;
+    // What the bands of a level leave for the next one's rows beside theirs.
+    float *edges(int level) const;
+    void render_levels() const;
+    void gather_levels() const;
+    // A band of a level, on top of the levels above it.
+    void rasterise(int level, Extent rows, const Pixels &) const;
+    // Moments of a band's splats, and the next level's gradient.
+    void gather(int level, Extent rows, const Pixels &) const;
     void reserve_backward() const;
     void backward_deformation(const Model &gradient) const;
 
@@ -75,6 +96,8 @@ class Scene {
     Workspace &space_;
     const int threads_;
     Frame frame_;
+    LevelSplats splats_[kLevels];
+    int top_ = 0;  // the highest level with splats
 };
 
 }  // namespace gsvr

@@ -41,7 +41,7 @@ struct Workspace {
     Buffer<Splats> splats;
     Buffer<BlockRows> rows;
     Buffer<Moments> moments;
-    Buffer<float> lines, pixels, plane_gradients;
+    Buffer<float> lines, pixels, pictures, plane_gradients, picture_gradients, edges;
     Buffer<double> sums;
 };
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 
 Backend = Literal["native", "reference"]
+Codes = NDArray[np.uint8 | np.uint16]  #: RGB samples
 
 
 def render_frames(
@@ -23,9 +24,10 @@ def render_frames(
     coded_size: tuple[int, int],
     *,
     backend: Backend = "native",
+    bit_depth: int = 8,
     threads: int = 0,
-    out: NDArray[np.uint8] | None = None,
-) -> NDArray[np.uint8]:
+    out: Codes | None = None,
+) -> Codes:
     """Render frames of one GOP (spec section "Reconstruction").
 
     Args:
@@ -34,24 +36,30 @@ def render_frames(
         size: width and height to render at, pixels.
         coded_size: width and height of the coded frame, which scales are relative to, pixels.
         backend: "native" or "reference".
+        bit_depth: bits of a sample, 8 to 16; white is the code 2^bit_depth - 1.
         threads: native threads; 0 = GSVR_THREADS or all cores. Does not change the result.
-        out: (F, height, width, 3) uint8, C-contiguous, to be filled; None = a new array.
+        out: (F, height, width, 3), C-contiguous, uint8 for 8 bits and uint16 for more, to be
+            filled; None = a new array.
 
     Returns:
-        (F, height, width, 3) uint8 RGB: `out`, or the new array. A frame is the same whatever
-        others are rendered with it.
+        (F, height, width, 3) RGB: `out`, or the new array. A frame is the same whatever others
+        are rendered with it.
 
     Raises:
-        ValueError: a shape is wrong, or the backend unknown.
+        ValueError: a shape is wrong, or the backend or the bit depth unknown.
     """
+    if not 8 <= bit_depth <= 16:
+        raise ValueError(f"bit_depth must be 8 to 16, not {bit_depth}")
     if backend == "native":
         from gsvrcodec.render import native
 
-        return native.render_frames(gop, taus, size, coded_size, threads=threads, out=out)
+        return native.render_frames(
+            gop, taus, size, coded_size, bit_depth=bit_depth, threads=threads, out=out
+        )
     if backend == "reference":
         from gsvrcodec.render import reference
 
-        frames = reference.render_frames(gop, taus, size, coded_size)
+        frames = reference.render_frames(gop, taus, size, coded_size, bit_depth=bit_depth)
         if out is None:
             return frames
         np.copyto(out, frames)

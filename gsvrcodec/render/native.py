@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.native import _core
+from gsvrcodec.render import Codes
 
 
 def render_frames(
@@ -15,17 +16,24 @@ def render_frames(
     size: tuple[int, int],
     coded_size: tuple[int, int],
     *,
+    bit_depth: int = 8,
     threads: int = 0,
-    out: NDArray[np.uint8] | None = None,
-) -> NDArray[np.uint8]:
+    out: Codes | None = None,
+) -> Codes:
     """Render frames of one GOP; see `gsvrcodec.render.render_frames`."""
     width, height = size
-    shape = (len(taus), height, width, 3)
+    shape, dtype = (len(taus), height, width, 3), np.uint8 if bit_depth == 8 else np.uint16
     if out is None:
-        out = np.empty(shape, np.uint8)
-    elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous:
-        raise ValueError(f"out must be a C-contiguous uint8 array of shape {shape}")
-    _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
+        out = np.empty(shape, dtype)
+    elif out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+        raise ValueError(f"out must be a C-contiguous {dtype.__name__} array of shape {shape}")
+    if bit_depth == 8:
+        _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
+        return out
+    values = np.empty((1, *shape[1:]), np.float32)
+    for frame, tau in zip(out, taus[:, None], strict=True):
+        _core.render_float(parameters(gop), tau, values, *coded_size, threads)
+        frame[:] = np.clip(values[0], 0, 1) * (2**bit_depth - 1) + 0.5
     return out
 
 

@@ -6,15 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.levels import level_of
 
 _TILE_PX = 32
 
 
-def tile_order(position: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
-    """A permutation that visits the frame tile by tile.
+def drawing_order(
+    position: Float32Array, log_scale: Float32Array, size: tuple[int, int]
+) -> NDArray[np.intp]:
+    """A permutation that visits the levels of a frame one by one, and each of them tile by tile.
 
     Args:
         position: (N, 2) canonical centres, [-1, 1] is the frame.
+        log_scale: (N, 2) natural logarithms of sigma in pixels of the frame.
         size: width and height of the frame, pixels.
 
     Returns:
@@ -22,4 +26,5 @@ def tile_order(position: Float32Array, size: tuple[int, int]) -> NDArray[np.intp
     """
     tiles = np.maximum(np.array(size) // _TILE_PX, 1)
     cell = np.clip(((position + 1) * (0.5 * tiles)).astype(np.int64), 0, tiles - 1)
-    return np.argsort(cell[:, 1] * tiles[0] + cell[:, 0], kind="stable")
+    level = level_of(log_scale, 1.0)
+    return np.argsort((level * tiles[1] + cell[:, 1]) * tiles[0] + cell[:, 0], kind="stable")

@@ -15,20 +15,25 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.levels import LEVELS, level_of, level_size, zoom
 
 MIN_SCALE = 0.1  #: px of the coded frame
 DILATION = 0.1  #: px^2 of the coded frame
 CUTOFF = 1.0 / 255.0
+ANTIALIAS = 0.25  #: px^2 of a frame smaller than the coded one
+UPSAMPLING = 0.1875  #: px^2 of a level: what bilinear interpolation widens by
+MIN_VARIANCE = 0.5  #: px^2 of a level above 0
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 
 
-class Deformed(NamedTuple):
-    """Gaussians at one time, on a frame of `size`."""
+class Splats(NamedTuple):
+    """Gaussians at one time, each on its level of a frame's pyramid."""
 
-    centre: Tensor  #: (N, 2) px
-    covariance: Tensor  #: (N, 2, 2) px^2
+    centre: Tensor  #: (N, 2) px of the level
+    covariance: Tensor  #: (N, 2, 2) px^2 of the level
     colour: Tensor  #: (N, 3)
+    level: Tensor  #: (N,) integers
 
 
 def _bilinear(grid: Tensor, x: Tensor, y: Tensor) -> Tensor:
@@ -49,7 +54,7 @@ def _bilinear(grid: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 def deform(
     parameters: Mapping[str, Tensor], tau: float, size: tuple[int, int], coded_size: tuple[int, int]
-) -> Deformed:
+) -> Splats:
     """Deform the canonical Gaussians to time `tau` and project them to a frame of `size` (W, H).
 
     `parameters` holds the fields of `gsvrcodec.model.gop.Gop` as tensors of one dtype.
@@ -71,18 +76,58 @@ def deform(
         + parameters["quadratic"] * tau**2
         + gate * offset[:, 0:2]
     )
-    scale = (parameters["log_scale"].exp() + offset[:, 2:4]).clamp(min=MIN_SCALE)
     theta = parameters["rotation"] + offset[:, 4]
     cos, sin = theta.cos(), theta.sin()
     rotation = torch.stack([torch.stack([cos, -sin], 1), torch.stack([sin, cos], 1)], 1)
-    covariance = rotation @ torch.diag_embed(scale**2) @ rotation.mT
-    covariance = covariance + DILATION * torch.eye(2, dtype=position.dtype)
-    zoom = position.new_tensor([size[0] / coded_size[0], size[1] / coded_size[1]])
-    return Deformed(
-        centre=(mu + 1) / 2 * position.new_tensor(size),
-        covariance=covariance * zoom[:, None] * zoom[None, :],
-        colour=parameters["colour"] + offset[:, 5:8],
+
+    least = zoom(size, coded_size)
+    log_scale = parameters["log_scale"]
+    level = torch.from_numpy(level_of(log_scale.detach().float().numpy(), least))
+    scale = (log_scale.exp() + offset[:, 2:4]).clamp(min=MIN_SCALE)
+    # One px^2 of each Gaussian's level, in px^2 of the coded frame.
+    area = (4.0**level / least**2)[:, None]
+    above = (level > 0)[:, None]
+    widening = torch.where(above, -UPSAMPLING * area, DILATION + ANTIALIAS * max(least**-2 - 1, 0))
+    variance = torch.maximum(scale**2 + widening, torch.where(above, MIN_VARIANCE * area, 0.0))
+    amplitude = ((scale**2 + DILATION) / variance).prod(dim=1, keepdim=True).sqrt()
+    covariance = rotation @ torch.diag_embed(variance) @ rotation.mT
+    pixels = position.new_tensor(size) / 2.0 ** level[:, None]
+    unit = pixels / position.new_tensor(coded_size)
+    return Splats(
+        centre=(mu + 1) / 2 * pixels,
+        covariance=covariance * unit[:, :, None] * unit[:, None, :],
+        colour=amplitude * (parameters["colour"] + offset[:, 5:8]),
+        level=level,
     )
+
+
+def rasterise(splats: Splats, level: int, size: tuple[int, int]) -> Tensor:
+    """Sum of the Gaussians of one level, (H, W, 3); `size` (W, H) is the level's."""
+    width, height = size
+    own = splats.level == level
+    centre, colour = splats.centre[own], splats.colour[own]
+    inverse = torch.linalg.inv(splats.covariance[own])
+    dtype = centre.dtype
+    x = torch.arange(width, dtype=dtype) + 0.5
+    y = torch.arange(height, dtype=dtype) + 0.5
+    picture = torch.zeros(height, width, 3, dtype=dtype)
+    for begin in range(0, len(centre), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        dx = (x - centre[part, :1])[:, None, :]
+        dy = (y - centre[part, 1:])[:, :, None]
+        a, b, c = (inverse[part, i, j, None, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+        exponent = (a * dx * dx + 2 * b * dx * dy + c * dy * dy) / 2
+        weight = (torch.exp(-exponent) - CUTOFF).clamp(min=0)
+        picture = picture + torch.einsum("nhw,nc->hwc", weight, colour[part])
+    return picture
+
+
+def upsample(picture: Tensor, size: tuple[int, int]) -> Tensor:
+    """Double the sides of a level (h, w, 3), bilinearly, and crop it to `size` (W, H)."""
+    double = torch.nn.functional.interpolate(
+        picture.permute(2, 0, 1)[None], scale_factor=2, mode="bilinear", align_corners=False
+    )
+    return double[0, :, : size[1], : size[0]].permute(1, 2, 0)
 
 
 def render(
@@ -92,33 +137,30 @@ def render(
     coded_size: tuple[int, int] | None = None,
 ) -> Tensor:
     """Render one frame, (H, W, 3), neither clamped nor rounded; differentiable in `parameters`."""
-    width, height = size
     splats = deform(parameters, tau, size, coded_size or size)
-    inverse = torch.linalg.inv(splats.covariance)
-    dtype = splats.centre.dtype
-    x = torch.arange(width, dtype=dtype) + 0.5
-    y = torch.arange(height, dtype=dtype) + 0.5
-    frame = torch.zeros(height, width, 3, dtype=dtype)
-    for begin in range(0, len(splats.centre), _CHUNK):
-        part = slice(begin, begin + _CHUNK)
-        dx = (x - splats.centre[part, :1])[:, None, :]
-        dy = (y - splats.centre[part, 1:])[:, :, None]
-        a, b, c = (inverse[part, i, j, None, None] for i, j in ((0, 0), (0, 1), (1, 1)))
-        exponent = (a * dx * dx + 2 * b * dx * dy + c * dy * dy) / 2
-        weight = (torch.exp(-exponent) - CUTOFF).clamp(min=0)
-        frame = frame + torch.einsum("nhw,nc->hwc", weight, splats.colour[part])
-    return frame
+    picture = rasterise(splats, LEVELS - 1, level_size(size, LEVELS - 1))
+    for level in reversed(range(LEVELS - 1)):
+        below = level_size(size, level)
+        picture = upsample(picture, below) + rasterise(splats, level, below)
+    return picture
 
 
 def render_frames(
-    gop: Gop, taus: Float32Array, size: tuple[int, int], coded_size: tuple[int, int]
-) -> NDArray[np.uint8]:
+    gop: Gop,
+    taus: Float32Array,
+    size: tuple[int, int],
+    coded_size: tuple[int, int],
+    *,
+    bit_depth: int = 8,
+) -> NDArray[np.uint8 | np.uint16]:
     """Render frames of one GOP in float64; see `gsvrcodec.render.render_frames`."""
     parameters = {
         name: torch.tensor(getattr(gop, name), dtype=torch.float64) for name in Gop.__slots__
     }
+    white = 2**bit_depth - 1
     frames = [
-        (render(parameters, float(tau), size, coded_size).clamp(0, 1) * 255 + 0.5).floor()
+        (render(parameters, float(tau), size, coded_size).clamp(0, 1) * white + 0.5).floor()
         for tau in taus
     ]
-    return torch.stack(frames).to(torch.uint8).numpy()
+    codes: NDArray[np.float64] = torch.stack(frames).numpy()
+    return codes.astype(np.uint8 if bit_depth == 8 else np.uint16)

@@ -12,6 +12,7 @@ from torch import Tensor
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.initialise import random_start
 from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, Recipe, optimise
+from gsvrcodec.fit.relocate import reorder
 from gsvrcodec.fit.settings import Deform
 from gsvrcodec.render import render_frames
 from tests import making
@@ -91,6 +92,7 @@ class TestRates:
             field = Field(
                 random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
             )
+            reorder(field, (64 * scale, 48 * scale))
             before = field.gop().position
             optimise(field, frames, times(1), MAIN, Effort(1), np.random.default_rng(0))
             moves.append(np.abs(field.gop().position - before).max(axis=0) * (32, 24) * scale)
@@ -109,6 +111,7 @@ class TestRates:
             field = Field(
                 random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
             )
+            reorder(field, (64, 48))
             before = field.gop().colour
             optimise(field, frames, times(1), MAIN, Once(steps), np.random.default_rng(0))
             return float(np.abs(field.gop().colour - before).max())

@@ -37,15 +37,15 @@ def test_one_gaussian_by_hand() -> None:
 def test_cut_off_is_continuous() -> None:
     gop = scenes.random_gop(1, grid=(0, 0, 0))
     gop.position[:] = 0
-    gop.log_scale[:] = math.log(3.0)
+    gop.log_scale[:] = math.log(1.4)
     gop.linear[:] = gop.quadratic[:] = 0
     gop.colour[:] = 1
     parameters = {n: torch.tensor(getattr(gop, n), dtype=torch.float64) for n in Gop.__slots__}
     row = reference.render(parameters, 0.0, (41, 41))[20, :, 0]
-    reach = math.sqrt(2 * math.log(255) * 9.1)
+    reach = math.sqrt(2 * math.log(255) * (1.4**2 + 0.1))
     for column, value in enumerate(row.tolist()):
         assert (value > 0) == (abs(column - 20) < reach)
-    assert row[row > 0].min() < 0.01
+    assert row[row > 0].min() < 0.02
 
 
 @pytest.mark.parametrize("name", Gop.__slots__)

@@ -97,7 +97,7 @@ def newer_minor() -> bytes:
 
 
 def older_minor() -> bytes:
-    """The first version of the format, with the plane codecs that it had."""
+    """An earlier minor version with the flags of this one."""
 
     def age(payload: bytearray) -> None:
         payload[2:4] = b"\x01\x00"
@@ -161,8 +161,9 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
     yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
-    yield header("major-version", 0, "H", 1, code=4, says="version 1.2")
-    yield header("required-flag", 4, "I", 1 << 31, code=4, says="flags 0x80000000")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.3")
+    yield header("required-flag", 4, "I", 1 << 31 | 1, code=4, says="flags 0x80000000")
+    yield header("no-levels", 4, "I", 0, code=4, says="drawn without levels")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
     yield header("zero-aspect", 24, "I", 0, code=3, says="aspect ratio 1/0")
@@ -272,7 +273,7 @@ def hex_dump(data: bytes) -> str:
     chunk(
         "HEAD",
         [
-            (4, "version 0.2"),
+            (4, "version 0.3"),
             (8, "flags"),
             (8, "size 16x8"),
             (8, "sample aspect 1/1"),

@@ -1,0 +1,40 @@
+"""The pyramid: each Gaussian is drawn at the resolution that it needs (spec section "Levels")."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop
+
+#: Levels of a picture; level l has 1/2^l of its width and height.
+LEVELS = 5
+#: Smallest scale of a Gaussian on a level above 0, pixels of that level.
+LEVEL_SCALE = 1.0
+
+
+def zoom(size: tuple[int, int], coded_size: tuple[int, int]) -> float:
+    """How much larger than the coded frame a frame of `size` is, by the lesser of its sides."""
+    return min(size[0] / coded_size[0], size[1] / coded_size[1])
+
+
+def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
+    """The level of each Gaussian, (N,), from its canonical logarithms of scale (N, 2)."""
+    bounds = [math.log(LEVEL_SCALE * 2**level / zoom) for level in range(1, LEVELS)]
+    return np.searchsorted(np.float32(bounds), log_scale.min(axis=1), side="right")
+
+
+def by_level(gop: Gop) -> Gop:
+    """The same Gaussians, those of a level together: so they are drawn fastest."""
+    order = np.argsort(level_of(gop.log_scale, 1.0).astype(np.uint8), kind="stable")
+    per_gaussian = (a.name for a in ATTRIBUTES if a.grid == "gaussians")
+    return replace(gop, **{name: getattr(gop, name)[order] for name in per_gaussian})
+
+
+def level_size(size: tuple[int, int], level: int) -> tuple[int, int]:
+    """Width and height of a level of a frame of `size`."""
+    return -(-size[0] >> level), -(-size[1] >> level)

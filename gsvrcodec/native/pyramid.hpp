@@ -1,0 +1,142 @@
+// From one level of the pyramid to the next, and the adjoint. Included by kernels.cpp.
+//
+// Twice the size by bilinear interpolation, pixel centres aligned: a fine pixel is 3/4 of the
+// coarse one that it lies in and 1/4 of that one's neighbour. Strip by strip and down the rows, so
+// that a coarse strip and the two fine ones under it are read and written once.
+
+// The first pixel of a row of a strip.
+static inline float *strip_row(const Pixels &pixels, int strip, int row) {
+    row -= pixels.first_row;
+    return pixels.data + static_cast<std::ptrdiff_t>(strip) * pixels.rows * kRowFloats +
+           row / kRows * kStepFloats + row % kRows * kStripWidth;
+}
+
+static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
+
+// A coarse row of a strip at twice its width: left and right fine strip, for each channel.
+struct Widened {
+    v8 left[3], right[3];
+};
+
+static inline Widened widened(const Pixels &coarse, int width, int strip, int row) {
+    const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    const float *own = strip_row(coarse, strip, row);
+    const int last = min(width - strip * kStripWidth, kStripWidth) - 1;
+    const float *before = strip ? strip_row(coarse, strip - 1, row) + kStripWidth - 1 : own;
+    const float *after =
+        (strip + 1) * kStripWidth < width ? strip_row(coarse, strip + 1, row) : own + last;
+    Widened w;
+    for (int c = 0; c < 3; ++c) {
+        const float *p = own + c * kChannelFloats;
+        const v8 a = lane <= last ? load8(p) : p[last] - v8{};
+        const v8 down = before[c * kChannelFloats] - v8{}, up = after[c * kChannelFloats] - v8{};
+        const v8 a3 = 0.75f * a;
+        const v8 even = a3 + 0.25f * __builtin_shufflevector(down, a, 0, 8, 9, 10, 11, 12, 13, 14);
+        const v8 odd = a3 + 0.25f * __builtin_shufflevector(a, up, 1, 2, 3, 4, 5, 6, 7, 8);
+        w.left[c] = __builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11);
+        w.right[c] = __builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15);
+    }
+    return w;
+}
+
+void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, int fine_width,
+              Extent rows) {
+    const FlushDenormals flush;
+    for (int strip = 0; strip < strips(coarse_width); ++strip) {
+        const bool both = 2 * strip + 1 < strips(fine_width);
+        const auto at = [&](int row) {
+            return widened(coarse, coarse_width, strip, max(min(row, coarse_height - 1), 0));
+        };
+        // Both fine rows of a coarse one.
+        const auto put = [&](int row, const Widened &before, const Widened &here,
+                             const Widened &after) {
+            float *upper = strip_row(fine, 2 * strip, 2 * row);
+            float *lower = strip_row(fine, 2 * strip, 2 * row + 1);
+            const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
+            for (int c = 0; c < 3; ++c, upper += kChannelFloats, lower += kChannelFloats) {
+                const v8 left = 0.75f * here.left[c];
+                store8(upper, left + 0.25f * before.left[c]);
+                store8(lower, left + 0.25f * after.left[c]);
+                if (!both) continue;
+                const v8 right = 0.75f * here.right[c];
+                store8(upper + next, right + 0.25f * before.right[c]);
+                store8(lower + next, right + 0.25f * after.right[c]);
+            }
+        };
+        int row = rows.begin / 2;
+        Widened before = at(row - 1), here = at(row);
+        for (; 2 * row < rows.end; ++row) {
+            const Widened after = at(row + 1);
+            put(row, before, here, after);
+            before = here;
+            here = after;
+        }
+    }
+}
+
+// What a row of two fine strips adds to the coarse one above them.
+struct Narrowed {
+    v8 sum[3];
+};
+
+static inline Narrowed narrowed(const Pixels &fine, int width, int strip, int row) {
+    const int first = 2 * strip, count = strips(width);
+    const float *left = strip_row(fine, first, row);
+    Narrowed n;
+    for (int c = 0; c < 3; ++c, left += kChannelFloats) {
+        const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
+        const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
+        // The neighbours beyond; at the frame's edge the outermost pixel counts for its own.
+        const float before = first ? left[kStripWidth - 1 - next] : left[0];
+        const float after = first + 2 < count ? left[2 * next] : 0.0f;
+        v8 even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
+        v8 odd = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15);
+        v8 back = __builtin_shufflevector(before - v8{}, odd, 0, 8, 9, 10, 11, 12, 13, 14);
+        v8 ahead = __builtin_shufflevector(even, after - v8{}, 1, 2, 3, 4, 5, 6, 7, 8);
+        const int end = width - first * kStripWidth;  // of the row, in pixels from the left strip
+        if (end <= 2 * kStripWidth && end % 2 == 0) ahead[end / 2 - 1] = odd[end / 2 - 1];
+        n.sum[c] = 0.75f * (even + odd) + 0.25f * (back + ahead);
+    }
+    return n;
+}
+
+void downsample(Pixels fine, int fine_width, int fine_height, Extent rows, Pixels coarse,
+                int coarse_width, float *edges) {
+    const FlushDenormals flush;
+    const int count = strips(coarse_width);
+    const int last_row = (fine_height - 1) / 2;
+    for (int strip = 0; strip < count; ++strip) {
+        const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
+        const i8 inside = lane < coarse_width - strip * kStripWidth;
+        const auto at = [&](int row) {
+            return row < rows.end ? narrowed(fine, fine_width, strip, row) : Narrowed{};
+        };
+        const auto put = [&](float *p, int apart, int c, v8 v) {
+            store8(p + c * apart, (v8)((i8)v & inside));
+        };
+        int row = rows.begin / 2;
+        Narrowed before{}, upper = at(2 * row), lower = at(2 * row + 1);
+        float *edge = edges + strip * kRowFloats;
+        for (int c = 0; c < 3; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
+        if (rows.begin == 0) before = upper;
+        for (; 2 * row < rows.end; ++row) {
+            // The last row of the frame counts for the one below it.
+            const bool bottom = row == last_row && fine_height % 2 == 0;
+            const bool final = 2 * row + 2 >= rows.end;
+            const Narrowed after = bottom ? lower : at(2 * row + 2);
+            float *p = strip_row(coarse, strip, row);
+            for (int c = 0; c < 3; ++c) {
+                put(p, kChannelFloats, c,
+                    0.75f * (upper.sum[c] + lower.sum[c]) + 0.25f * (before.sum[c] + after.sum[c]));
+                if (final)
+                    put(edge + count * kRowFloats, kStripWidth, c, 0.25f * lower.sum[c]);
+            }
+            before = lower;
+            upper = after;
+            lower = at(2 * row + 3);
+        }
+        // Rows that fill the last vector.
+        for (; row % kRows; ++row)
+            for (int c = 0; c < 3; ++c) put(strip_row(coarse, strip, row), kChannelFloats, c, v8{});
+    }
+}

@@ -1,0 +1,48 @@
+"""Which level a Gaussian is drawn on, and Gaussians put in order of their levels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gsvrcodec.model.levels import LEVELS, by_level, level_of, level_size, zoom
+from gsvrcodec.render import render_frames
+from tests.render.scenes import random_gop
+
+
+@pytest.mark.parametrize("level", range(LEVELS))
+def test_a_gaussian_is_a_pixel_wide_on_its_level(level: int) -> None:
+    bound = np.float32(math.log(2**level))
+    below = np.nextafter(bound, np.float32(-9))
+    log_scale = np.array([[bound, bound], [bound, 9], [9, bound], [below, 9]], np.float32)
+    assert level_of(log_scale, 1.0).tolist() == [level] * 3 + [max(level - 1, 0)]
+
+
+def test_levels_end() -> None:
+    huge, tiny, not_a_number = [[9.0, 9.0]], [[-9.0, 9.0]], [[np.nan, 0.0]]
+    assert level_of(np.float32(huge), 1.0) == LEVELS - 1
+    assert level_of(np.float32(tiny), 1.0) == 0
+    assert level_of(np.float32(not_a_number), 1.0) in range(LEVELS)
+
+
+def test_a_larger_frame_has_coarser_levels() -> None:
+    log_scale = np.full((1, 2), math.log(3.0), np.float32)
+    assert [level_of(log_scale, z)[0] for z in (0.25, 0.5, 1.0, 2.0, 100.0)] == [0, 0, 1, 2, 4]
+    assert zoom((200, 50), (100, 100)) == 0.5
+
+
+def test_sizes_are_rounded_up() -> None:
+    assert [level_size((5, 1), level) for level in range(4)] == [(5, 1), (3, 1), (2, 1), (1, 1)]
+
+
+def test_order_changes_no_picture() -> None:
+    gop = random_gop(60)
+    ordered = by_level(gop)
+    levels = level_of(ordered.log_scale, 1.0)
+    assert (np.diff(levels) >= 0).all()
+    assert len(set(levels.tolist())) > 2
+    taus = np.array([0.3], np.float32)
+    picture, same = (render_frames(g, taus, (67, 45), (67, 45)).astype(int) for g in (gop, ordered))
+    assert np.abs(picture - same).max() <= 1
