@@ -29,8 +29,10 @@ def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
 
 
 def by_level(gop: Gop) -> Gop:
-    """The same Gaussians, those of a level together: so they are drawn fastest."""
-    order = np.argsort(level_of(gop.log_scale, 1.0).astype(np.uint8), kind="stable")
+    """The same Gaussians, still ones last, and those of a level together: drawn fastest so."""
+    still = ~(gop.linear.any(axis=1) | gop.quadratic.any(axis=1) | (gop.alpha != 1))
+    layer = level_of(gop.log_scale, 1.0) + LEVELS * still
+    order = np.argsort(layer.astype(np.uint8), kind="stable")
     per_gaussian = (a.name for a in ATTRIBUTES if a.grid == "gaussians")
     return replace(gop, **{name: getattr(gop, name)[order] for name in per_gaussian})
 

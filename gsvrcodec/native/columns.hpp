@@ -106,14 +106,14 @@ static inline void flush(const Splats &s, Columns &c, Run run) {
 }
 
 // Calls run() with columns [0, c.count) made ready, again and again until it has had every column
-// of the block's splats of one level in the rows of a band. Their order depends on nothing else.
+// of the block's splats of one layer in the rows of a band. Their order depends on nothing else.
 template <class Run>
-static inline void for_columns(const Splats &s, int level, Extent band, Columns &c, Run run) {
+static inline void for_columns(const Splats &s, int layer, Extent band, Columns &c, Run run) {
     c.count = 0;
     for (int half = 0; half < kBlock; half += kLanes) {
         const vi begin = max(load(s.row_begin + half), splat(band.begin));
         const vi end = min(load(s.row_end + half), splat(band.end));
-        const vi present = (begin < end) & (load(s.level + half) == level);
+        const vi present = (begin < end) & (load(s.layer + half) == layer);
         if (!bits(present)) continue;
         const vf cx = load(s.cx + half), cy = load(s.cy + half), slope = load(s.slope + half);
         const vf across = load(s.across + half), down = load(s.down + half);

@@ -13,8 +13,12 @@ template <class T, class ToSamples>
 void render(const Setting &setting, const float *taus, int frames, int threads, T *out,
             ToSamples to_samples) {
     const std::size_t row = static_cast<std::size_t>(setting.size.width) * 3;
+    const Borrowed common;
+    Scene::reserve(setting, threads, *common);
+    Still still{};
+    if (frames > 1) still = Scene(setting, taus[0], threads, *common).keep_still();
     const auto render_one = [&](int index, int within, Workspace &space) {
-        const Scene scene(setting, taus[index], within, space);
+        const Scene scene(setting, taus[index], within, space, still);
         scene.render([&](int, Extent rows, const Pixels &pixels) {
             const std::size_t first =
                 static_cast<std::size_t>(index) * setting.size.height + rows.begin;
@@ -28,9 +32,7 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
         parallel_for(frames, threads,
                      [&](int index, int worker) { render_one(index, 1, *spaces[worker]); });
     } else {
-        const Borrowed space;
-        Scene::reserve(setting, threads, *space);
-        for (int index = 0; index < frames; ++index) render_one(index, threads, *space);
+        for (int index = 0; index < frames; ++index) render_one(index, threads, *common);
     }
 }
 
@@ -38,19 +40,19 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
 
 void render_rgb8(const Model &model, const float *taus, int frames, Size size, Size coded,
                  int threads, std::uint8_t *out) {
-    const Setting setting(model, size, coded);
+    const Setting setting(model, size, coded, true);
     render(setting, taus, frames, threads, out, setting.kernels.to_rgb8);
 }
 
 void render_float(const Model &model, const float *taus, int frames, Size size, Size coded,
                   int threads, float *out) {
-    const Setting setting(model, size, coded);
+    const Setting setting(model, size, coded, true);
     render(setting, taus, frames, threads, out, setting.kernels.to_float);
 }
 
 void backward_float(const Model &model, float tau, Size size, Size coded, int threads,
                     const float *weights, const Model &gradient) {
-    const Setting setting(model, size, coded);
+    const Setting setting(model, size, coded, false);
     const Borrowed space;
     Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);
@@ -62,7 +64,7 @@ void backward_float(const Model &model, float tau, Size size, Size coded, int th
 
 double squared_error(const Model &model, float tau, Size size, Size coded, int threads,
                      const std::uint8_t *target, const Model &gradient) {
-    const Setting setting(model, size, coded);
+    const Setting setting(model, size, coded, false);
     const Borrowed space;
     Scene::reserve(setting, threads, *space);
     const Scene scene(setting, tau, threads, *space);

@@ -4,7 +4,8 @@
 // What projection and its gradient both need of kLanes Gaussians.
 struct Deformed {
     Fields<2> position;
-    vf offset[kChannels];  // of the tri-plane
+    vf field[kChannels];   // of the tri-plane
+    vf offset[kChannels];  // the same, as far as the indicator lets it act
     vf scale_base[2];      // exp(log_scale)
     vf scale_sum[2];       // before the minimum is applied
     vf scale[2];
@@ -26,9 +27,11 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
     d.finite = kLaneIndex < splat(count);
     d.position = load_fields<2>(model.position, i, count);
     if (model.gx > 0)
-        lookup(model, frame, d.position, d.offset);
+        lookup(model, frame, d.position, d.field);
     else
-        for (vf &offset : d.offset) offset = vf{};
+        for (vf &value : d.field) value = vf{};
+    d.gate = 1.0f - load_fields<1>(model.alpha, i, count).column[0];
+    for (int k = 0; k < kChannels; ++k) d.offset[k] = d.gate * d.field[k];
     const Fields<2> log_scale = load_fields<2>(model.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {
         d.scale_base[k] = exp2(kLog2E * max(min(log_scale.column[k], splat(20.0f)), splat(-20.0f)));
@@ -39,7 +42,6 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
     }
     sincos(2.0f * (load_fields<1>(model.rotation, i, count).column[0] + d.offset[4]), d.sine,
            d.cosine);
-    d.gate = 1.0f - load_fields<1>(model.alpha, i, count).column[0];
 
     const vf least = min(log_scale.column[0], log_scale.column[1]);
     d.level = vi{};
@@ -91,7 +93,7 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     vf centre[2];
     for (int k = 0; k < 2; ++k) {
         const vf mu = d.position.column[k] + linear.column[k] * frame.tau +
-                      quadratic.column[k] * (frame.tau * frame.tau) + d.gate * d.offset[k];
+                      quadratic.column[k] * (frame.tau * frame.tau) + d.offset[k];
         centre[k] = (mu + 1.0f) * (0.5f * (k ? height : width));
     }
     const vf reach_x = sqrt(2.0f * kSupport * d.sigma_xx),
@@ -123,7 +125,10 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     store(out.x_end + l, end_inside(centre[0] + reach_x, columns) & drawn);
     store(out.row_begin + l, first_inside(centre[1] - reach_y, rows) & drawn);
     store(out.row_end + l, end_inside(centre[1] + reach_y, rows) & drawn);
-    store(out.level + l, d.level);
+    vi moves = (vi)(d.gate != 0.0f) & (model.gx > 0 ? ~vi{} : vi{});
+    for (int k = 0; k < 2; ++k)
+        moves |= (vi)(linear.column[k] != 0.0f) | (vi)(quadratic.column[k] != 0.0f);
+    store(out.layer + l, d.level + (frame.apart ? ~moves & kLevels : vi{}));
 }
 
 void project(const Model &model, const Frame &frame, int begin, int end, Splats *splats,
@@ -135,16 +140,16 @@ void project(const Model &model, const Frame &frame, int begin, int end, Splats 
             const int i = block * kBlock + l;
             project_lanes(model, frame, i, max(min(model.n - i, kLanes), 0), out, l);
         }
-        unsigned levels = 0;
-        for (int l = 0; l < kBlock; ++l) levels |= 1u << out.level[l];
+        unsigned layers = 0;
+        for (int l = 0; l < kBlock; ++l) layers |= 1u << out.layer[l];
         BlockRows *own = rows + block;
-        for (int level = 0; level < kLevels; ++level, own += blocks(model)) {
+        for (int layer = 0; layer < kLayers; ++layer, own += blocks(model)) {
             own->begin = own->end = 0;
-            if (!(levels >> level & 1)) continue;
+            if (!(layers >> layer & 1)) continue;
             int first = frame.height, last = 0;
             for (int l = 0; l < kBlock; ++l) {
                 const bool drawn =
-                    (out.row_begin[l] < out.row_end[l]) & (out.level[l] == level);
+                    (out.row_begin[l] < out.row_end[l]) & (out.layer[l] == layer);
                 first = drawn ? min(first, out.row_begin[l]) : first;
                 last = drawn ? max(last, out.row_end[l]) : last;
             }

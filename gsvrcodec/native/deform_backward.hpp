@@ -15,19 +15,16 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     const vf gcentre[2] = {d.inverse_xx * mx + d.inverse_xy * my,
                            d.inverse_xy * mx + d.inverse_yy * my};
     Fields<2> position, linear, quadratic;
-    vf gate{};
     for (int k = 0; k < 2; ++k) {
         const vf g = where(drawn, gcentre[k] * (d.unit * (0.5f * static_cast<float>(
                                                                k ? frame.height : frame.width))));
         position.column[k] = g;
         linear.column[k] = g * tau;
         quadratic.column[k] = g * (tau * tau);
-        offset[k] = where(drawn, d.gate * g);
-        gate += where(drawn, g * d.offset[k]);
+        offset[k] = g;
     }
     store_fields<2>(gradient.linear, i, count, linear);
     store_fields<2>(gradient.quadratic, i, count, quadratic);
-    store_fields<1>(gradient.alpha, i, count, {{-gate}});
     const Fields<3> colour = load_fields<3>(model.colour, i, count);
     vf along_amplitude{};  // gradient of the amplitude's logarithm
     for (int k = 0; k < 3; ++k) {
@@ -59,6 +56,12 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     }
     store_fields<2>(gradient.log_scale, i, count, log_scale);
 
+    vf gate{};
+    for (int k = 0; k < kChannels; ++k) {
+        gate += where(drawn, offset[k] * d.field[k]);
+        offset[k] = where(drawn, offset[k] * d.gate);
+    }
+    store_fields<1>(gradient.alpha, i, count, {{-gate}});
     if (model.gx > 0 && bits(drawn))
         lookup_backward(model, frame, d.position, count, offset, xy, xt_line, yt_line, position);
     store_fields<2>(gradient.position, i, count, position);

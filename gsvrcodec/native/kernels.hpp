@@ -18,6 +18,7 @@ constexpr int kBlock = 16;  // Gaussians whose splats lie together
 
 // The pyramid: a level has half the sides of the one below it.
 constexpr int kLevels = 5;
+constexpr int kLayers = 2 * kLevels;    // what moves on each level, then what stands still
 constexpr float kLevelScale = 1.0f;     // px of a level above 0: the smallest scale drawn on it
 constexpr float kUpsampling = 0.1875f;  // px^2 of a level: what bilinear interpolation widens by
 constexpr float kMinVariance = 0.5f;    // px^2 of a level above 0
@@ -36,6 +37,7 @@ struct Frame {
     int width, height, coded_width, coded_height;
     float zoom;                      // of its sides against the coded ones, the lesser
     float level_log_scale[kLevels];  // least log-scale of each level; that of level 0 is not used
+    bool apart;                      // Gaussians that stand still are in layers of their own
     const float *xt_line;  // (gx, 8): the xt grid at tau
     const float *yt_line;  // (gy, 8)
 };
@@ -52,7 +54,7 @@ struct alignas(64) Splats {
     std::int32_t x_begin[kBlock], x_end[kBlock];      // columns it may touch, on the frame; the
                                                       // first one that begins a vector
     std::int32_t row_begin[kBlock], row_end[kBlock];  // rows; empty when it touches no pixel
-    std::int32_t level[kBlock];                       // whose pixels all these are in
+    std::int32_t layer[kBlock];                       // these are in pixels of its level
 };
 
 // Rows [begin, end).
@@ -60,7 +62,7 @@ struct Extent {
     int begin, end;
 };
 
-// Rows that any of a block's splats touches on one level, and where its moments lie: kBlock for
+// Rows that any of a block's splats touches in one layer, and where its moments lie: kBlock for
 // each band that it touches, from slot * kBlock on.
 struct BlockRows {
     int begin, end, slot;
@@ -72,12 +74,14 @@ inline int block_bands(const BlockRows &rows, int band_rows) {
     return rows.begin < rows.end ? (rows.end - 1) / band_rows - rows.begin / band_rows + 1 : 0;
 }
 
-// The splats of one level: blocks [begin, end) hold some, among those of other levels.
-struct LevelSplats {
+// The splats of one layer: blocks [begin, end) hold some, among those of other layers.
+struct Layer {
     const Splats *splats;   // of all blocks
     const BlockRows *rows;  // of all blocks
-    int level, begin, end;
-    int band_rows;  // rows of a band of this level
+    int layer, begin, end;
+    int band_rows;  // rows of a band of its level
+
+    bool empty() const { return begin >= end; }
 };
 
 // Sums over pixels of one band that the gradient of one Gaussian is made of.
@@ -99,14 +103,14 @@ struct Kernels {
     const char *isa;
     int lanes;      // floats of a vector
     int band_rows;  // rows that are rasterised at once: bounds the recurrence's rounding
-    // Deforms and projects the Gaussians of blocks [begin, end). `rows` holds all blocks of level 0,
-    // then those of level 1 and so on; slots are left as they are.
+    // Deforms and projects the Gaussians of blocks [begin, end). `rows` holds all blocks of layer 0,
+    // then those of layer 1 and so on; slots are left as they are.
     void (*project)(const Model &, const Frame &, int begin, int end, Splats *, BlockRows *rows);
-    // Adds the splats of one level to the rows of one band of it.
-    void (*rasterise)(const LevelSplats &, Extent band, Pixels);
-    // Sets rows of a picture to the next level at twice its size.
+    // Adds the splats of one layer to the rows of one band of its level.
+    void (*rasterise)(const Layer &, Extent band, Pixels);
+    // Sets rows of a picture to the next level at twice its size, or adds that to them.
     void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine,
-                     int fine_width, Extent rows);
+                     int fine_width, Extent rows, bool add);
     // The adjoint: sets rows of the next level's gradient from those of `fine`, which are zero
     // beyond the picture. What falls on the rows before and after them goes to `edges`, two lines
     // of kRowFloats for each strip of the next level.
@@ -118,11 +122,11 @@ struct Kernels {
     void (*from_float)(const float *in, const Frame &, Extent rows, Pixels);
     // Replaces rows by (clamp(value) - target) * scale; returns the sum of squared residuals.
     double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target, float scale);
-    // Moments of the splats of one level from the gradient `pixels` of one band of it.
-    void (*gather)(const LevelSplats &, Extent band, Pixels, Moments *);
+    // Moments of the splats of one layer from the gradient `pixels` of one band of its level.
+    void (*gather)(const Layer &, Extent band, Pixels, Moments *);
     // Gradients of the Gaussians of blocks [begin, end) from the moments of all bands. Plane
     // gradients are added to `xy` and to the lines; the rest is written to `gradient`.
-    void (*backward)(const Model &, const Frame &, const LevelSplats (&)[kLevels], const Moments *,
+    void (*backward)(const Model &, const Frame &, const Layer (&)[kLayers], const Moments *,
                      int begin, int end, const Model &gradient, float *xy, float *xt_line,
                      float *yt_line);
     // One Adam step over n numbers. `rate` (bias correction included) has `period` entries and

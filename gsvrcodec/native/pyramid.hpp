@@ -13,65 +13,70 @@ static inline float *strip_row(const Pixels &pixels, int strip, int row) {
 
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
-// A coarse row of a strip at twice its width: left and right fine strip, for each channel.
+// A coarse row of one channel of a strip at twice its width: left and right fine strip.
 struct Widened {
-    v8 left[3], right[3];
+    v8 left, right;
 };
 
-static inline Widened widened(const Pixels &coarse, int width, int strip, int row) {
+// `own`: of the row; `before`, `after`: the pixel that is next to it on either side.
+static inline Widened widened(const float *own, const float *before, const float *after, int last) {
     const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
-    const float *own = strip_row(coarse, strip, row);
-    const int last = min(width - strip * kStripWidth, kStripWidth) - 1;
-    const float *before = strip ? strip_row(coarse, strip - 1, row) + kStripWidth - 1 : own;
-    const float *after =
-        (strip + 1) * kStripWidth < width ? strip_row(coarse, strip + 1, row) : own + last;
-    Widened w;
-    for (int c = 0; c < 3; ++c) {
-        const float *p = own + c * kChannelFloats;
-        const v8 a = lane <= last ? load8(p) : p[last] - v8{};
-        const v8 down = before[c * kChannelFloats] - v8{}, up = after[c * kChannelFloats] - v8{};
-        const v8 a3 = 0.75f * a;
-        const v8 even = a3 + 0.25f * __builtin_shufflevector(down, a, 0, 8, 9, 10, 11, 12, 13, 14);
-        const v8 odd = a3 + 0.25f * __builtin_shufflevector(a, up, 1, 2, 3, 4, 5, 6, 7, 8);
-        w.left[c] = __builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11);
-        w.right[c] = __builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15);
+    const v8 a = lane <= last ? load8(own) : own[last] - v8{};
+    const v8 down = *before - v8{}, up = *after - v8{};
+    const v8 most = 0.75f * a;
+    const v8 even = most + 0.25f * __builtin_shufflevector(down, a, 0, 8, 9, 10, 11, 12, 13, 14);
+    const v8 odd = most + 0.25f * __builtin_shufflevector(a, up, 1, 2, 3, 4, 5, 6, 7, 8);
+    return {__builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11),
+            __builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)};
+}
+
+template <bool Add>
+static inline void magnify(const Pixels &coarse, int coarse_width, int coarse_height,
+                           const Pixels &fine, int fine_width, Extent rows) {
+    const auto put = [](float *p, v8 v) { store8(p, Add ? load8(p) + v : v); };
+    const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
+    const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
+    for (int strip = 0; strip < strips(coarse_width); ++strip) {
+        const int last = min(coarse_width - strip * kStripWidth, kStripWidth) - 1;
+        const bool right_most = (strip + 1) * kStripWidth >= coarse_width;
+        const std::ptrdiff_t before = strip ? kStripWidth - 1 - next : 0;
+        const std::ptrdiff_t after = right_most ? last : next;
+        const bool both = 2 * strip + 1 < strips(fine_width);
+        for (int c = 0; c < 3; ++c) {
+            const auto at = [&](int row) {
+                const float *own =
+                    strip_row(coarse, strip, max(min(row, coarse_height - 1), 0)) +
+                    c * kChannelFloats;
+                return widened(own, own + before, own + after, last);
+            };
+            int row = rows.begin / 2;
+            Widened above = at(row - 1), here = at(row);
+            for (; 2 * row < rows.end; ++row) {
+                const Widened below = at(row + 1);
+                float *upper = strip_row(fine, 2 * strip, 2 * row) + c * kChannelFloats;
+                float *lower = strip_row(fine, 2 * strip, 2 * row + 1) + c * kChannelFloats;
+                if (both) {
+                    const v8 right = 0.75f * here.right;
+                    put(upper + fine_next, right + 0.25f * above.right);
+                    put(lower + fine_next, right + 0.25f * below.right);
+                }
+                const v8 left = 0.75f * here.left;
+                put(upper, left + 0.25f * above.left);
+                put(lower, left + 0.25f * below.left);
+                above = here;
+                here = below;
+            }
+        }
     }
-    return w;
 }
 
 void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, int fine_width,
-              Extent rows) {
+              Extent rows, bool add) {
     const FlushDenormals flush;
-    for (int strip = 0; strip < strips(coarse_width); ++strip) {
-        const bool both = 2 * strip + 1 < strips(fine_width);
-        const auto at = [&](int row) {
-            return widened(coarse, coarse_width, strip, max(min(row, coarse_height - 1), 0));
-        };
-        // Both fine rows of a coarse one.
-        const auto put = [&](int row, const Widened &before, const Widened &here,
-                             const Widened &after) {
-            float *upper = strip_row(fine, 2 * strip, 2 * row);
-            float *lower = strip_row(fine, 2 * strip, 2 * row + 1);
-            const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
-            for (int c = 0; c < 3; ++c, upper += kChannelFloats, lower += kChannelFloats) {
-                const v8 left = 0.75f * here.left[c];
-                store8(upper, left + 0.25f * before.left[c]);
-                store8(lower, left + 0.25f * after.left[c]);
-                if (!both) continue;
-                const v8 right = 0.75f * here.right[c];
-                store8(upper + next, right + 0.25f * before.right[c]);
-                store8(lower + next, right + 0.25f * after.right[c]);
-            }
-        };
-        int row = rows.begin / 2;
-        Widened before = at(row - 1), here = at(row);
-        for (; 2 * row < rows.end; ++row) {
-            const Widened after = at(row + 1);
-            put(row, before, here, after);
-            before = here;
-            here = after;
-        }
-    }
+    if (add)
+        magnify<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
+    else
+        magnify<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
 }
 
 // What a row of two fine strips adds to the coarse one above them.

@@ -27,13 +27,13 @@ static inline void add_column(const Splats &s, const Columns &c, int n, const Pi
     });
 }
 
-void rasterise(const LevelSplats &of, Extent band, Pixels pixels) {
+void rasterise(const Layer &of, Extent band, Pixels pixels) {
     const FlushDenormals flush;
     Columns c;
     for (int block = of.begin; block < of.end; ++block) {
         if (!touches(of.rows[block], band)) continue;
         const Splats &s = of.splats[block];
-        for_columns(s, of.level, band, c, [&] {
+        for_columns(s, of.layer, band, c, [&] {
             for (int n = 0; n < c.count; ++n) add_column(s, c, n, pixels);
         });
     }
@@ -91,7 +91,7 @@ static inline void gather_columns(const Splats &s, const Columns &c, const Pixel
     }
 }
 
-void gather(const LevelSplats &of, Extent band, Pixels pixels, Moments *moments) {
+void gather(const Layer &of, Extent band, Pixels pixels, Moments *moments) {
     const FlushDenormals flush;
     Columns c;
     for (int block = of.begin; block < of.end; ++block) {
@@ -101,18 +101,18 @@ void gather(const LevelSplats &of, Extent band, Pixels pixels, Moments *moments)
         const int index = band.begin / of.band_rows - rows.begin / of.band_rows;
         Moments *own = moments + static_cast<std::ptrdiff_t>(rows.slot + index) * kBlock;
         for (int l = 0; l < kBlock; ++l) own[l] = {};
-        for_columns(s, of.level, band, c, [&] { gather_columns(s, c, pixels, own); });
+        for_columns(s, of.layer, band, c, [&] { gather_columns(s, c, pixels, own); });
     }
 }
 
-void backward(const Model &model, const Frame &frame, const LevelSplats (&levels)[kLevels],
+void backward(const Model &model, const Frame &frame, const Layer (&layers)[kLayers],
               const Moments *moments, int begin, int end, const Model &gradient, float *xy,
               float *xt_line, float *yt_line) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
-        const Splats &s = levels[0].splats[block];
+        const Splats &s = layers[0].splats[block];
         Moments total[kBlock] = {};
-        for (const LevelSplats &of : levels) {
+        for (const Layer &of : layers) {
             const BlockRows &rows = of.rows[block];
             const Moments *part = moments + static_cast<std::ptrdiff_t>(rows.slot) * kBlock;
             for (int slot = 0; slot < block_bands(rows, of.band_rows); ++slot, part += kBlock)

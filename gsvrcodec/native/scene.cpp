@@ -8,6 +8,8 @@ namespace gsvr {
 namespace {
 
 constexpr int kProjectBlocks = 128;  // blocks a job
+// What stands still is kept when it is this part of all areas: to copy it costs time as well.
+constexpr double kWorthKeeping = 0.15;
 // The backward pass sums plane gradients in this many groups of blocks, whatever the number of
 // threads, so that results do not depend on it.
 constexpr int kGroups = 16;
@@ -60,10 +62,10 @@ void add_line(const float *line, const Level &level, int row, int lanes, const P
                   i] += line[(strip * 3 + c) * kStripWidth + i];
 }
 
-// Floats of the pictures of the levels above 0, one after the other.
-std::size_t picture_floats(const Setting &setting, int levels = kLevels) {
+// Floats of the pictures of levels [first, end), one after the other.
+std::size_t picture_floats(const Setting &setting, int first = 1, int end = kLevels) {
     std::size_t floats = 0;
-    for (int level = 1; level < levels; ++level) floats += setting.levels[level].floats();
+    for (int level = first; level < end; ++level) floats += setting.levels[level].floats();
     return floats;
 }
 
@@ -82,8 +84,8 @@ Extent Level::band(int index) const {
     return {begin, std::min(begin + band_rows, size.height)};
 }
 
-Setting::Setting(const Model &model_, Size size_, Size coded_)
-    : model(model_), size(size_), coded(coded_), kernels(gsvr::kernels()) {
+Setting::Setting(const Model &model_, Size size_, Size coded_, bool apart_)
+    : model(model_), size(size_), coded(coded_), kernels(gsvr::kernels()), apart(apart_) {
     for (int level = 0; level < kLevels; ++level) {
         const int round_up = (1 << level) - 1;
         // Shorter bands above: there are few of them for the threads to share.
@@ -95,14 +97,14 @@ Setting::Setting(const Model &model_, Size size_, Size coded_)
 void Scene::reserve(const Setting &setting, int bands, Workspace &space) {
     const Model &m = setting.model;
     space.splats.reserve(blocks(m));
-    space.rows.reserve(static_cast<std::size_t>(blocks(m)) * kLevels);
+    space.rows.reserve(static_cast<std::size_t>(blocks(m)) * kLayers);
     space.lines.reserve(static_cast<std::size_t>(m.gx + m.gy) * kChannels);
     space.pixels.reserve(bands * setting.levels[0].band_floats());
     space.pictures.reserve(picture_floats(setting));
 }
 
-Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
-    : setting_(setting), space_(space), threads_(threads) {
+Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space, const Still &still)
+    : setting_(setting), space_(space), threads_(threads), still_(still), top_(still.top) {
     const Model &m = setting.model;
     const double zoom = std::min(static_cast<double>(setting.size.width) / setting.coded.width,
                                  static_cast<double>(setting.size.height) / setting.coded.height);
@@ -113,6 +115,7 @@ Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
               setting.coded.height,
               static_cast<float>(zoom),
               {},
+              setting.apart,
               nullptr,
               nullptr};
     for (int level = 1; level < kLevels; ++level)
@@ -125,34 +128,62 @@ Scene::Scene(const Setting &setting, float tau, int threads, Workspace &space)
         frame_.xt_line = xt;
         frame_.yt_line = yt;
     }
-    const int count = blocks(m);
+    const int count = still.pictures ? still.blocks : blocks(m);
     parallel_for((count + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
         const int begin = job * kProjectBlocks;
         setting.kernels.project(m, frame_, begin, std::min(begin + kProjectBlocks, count),
                                 space.splats.get(), space.rows.get());
     });
-    for (int level = 0; level < kLevels; ++level) {
-        const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(level) * count;
+    for (int layer = 0; layer < kLayers; ++layer) {
+        const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(layer) * blocks(m);
         const auto empty = [&](int block) { return rows[block].begin >= rows[block].end; };
-        int begin = 0, end = count;
+        int begin = 0, end = still.pictures && layer >= kLevels ? 0 : count;
         while (begin < end && empty(begin)) ++begin;
         while (begin < end && empty(end - 1)) --end;
-        splats_[level] = {space.splats.get(), rows, level, begin, end,
+        const int level = layer % kLevels;
+        layers_[layer] = {space.splats.get(),           rows, layer, begin, end,
                           setting.levels[level].band_rows};
-        if (begin < end) top_ = level;
+        if (begin < end) top_ = std::max(top_, level);
     }
 }
 
-Pixels Scene::picture(int level) const {
-    const Level &own = setting_.levels[level];
-    return {space_.pictures.get() + picture_floats(setting_, level), 0,
-            own.bands() * own.band_rows};
+Still Scene::keep_still() const {
+    double still = 0.0, all = 0.0;
+    Still kept{nullptr, 0, 0};
+    const int count = blocks(setting_.model);
+    for (int block = 0; block < count; ++block) {
+        const Splats &s = space_.splats.get()[block];
+        for (int lane = 0; lane < kBlock; ++lane) {
+            if (s.layer[lane] < kLevels) kept.blocks = block + 1;
+            if (s.row_begin[lane] >= s.row_end[lane]) continue;
+            const double area = static_cast<double>(s.x_end[lane] - s.x_begin[lane]) *
+                                (s.row_end[lane] - s.row_begin[lane]);
+            all += area;
+            if (s.layer[lane] >= kLevels) still += area;
+        }
+    }
+    if (still <= kWorthKeeping * all) return kept;
+    float *pictures = space_.still.reserve(picture_floats(setting_, 0));
+    for (int level = 0; level < kLevels; ++level) {
+        if (!layers_[kLevels + level].empty()) kept.top = level;
+        const Level &own = setting_.levels[level];
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            begin_band(level, own.band(index), whole(pictures, 0, level));
+        });
+    }
+    kept.pictures = pictures;
+    return kept;
 }
 
-Pixels Scene::picture_gradient(int level) const {
+Pixels Scene::whole(float *pictures, int first, int level) const {
     const Level &own = setting_.levels[level];
-    return {space_.picture_gradients.get() + picture_floats(setting_, level), 0,
-            own.bands() * own.band_rows};
+    return {pictures + picture_floats(setting_, first, level), 0, own.bands() * own.band_rows};
+}
+
+Pixels Scene::picture(int level) const { return whole(space_.pictures.get(), 1, level); }
+
+Pixels Scene::picture_gradient(int level) const {
+    return whole(space_.picture_gradients.get(), 1, level);
 }
 
 float *Scene::edges(int level) const { return space_.edges.get() + edge_floats(setting_, level); }
@@ -166,24 +197,39 @@ void Scene::render_levels() const {
     }
 }
 
+void Scene::begin_band(int level, Extent rows, const Pixels &pixels) const {
+    const Level &own = setting_.levels[level];
+    const std::size_t bytes = sizeof(float) * kRowFloats * own.band_rows;
+    const auto strip_of = [&](const Pixels &of, int strip) {
+        const std::size_t row = static_cast<std::size_t>(strip) * of.rows + rows.begin;
+        return of.data + (row - of.first_row) * kRowFloats;
+    };
+    if (still_.pictures) {
+        const Pixels kept = whole(const_cast<float *>(still_.pictures), 0, level);
+        for (int strip = 0; strip < own.strips(); ++strip)
+            std::memcpy(strip_of(pixels, strip), strip_of(kept, strip), bytes);
+        return;
+    }
+    for (int strip = 0; strip < own.strips(); ++strip)
+        std::memset(strip_of(pixels, strip), 0, bytes);
+    setting_.kernels.rasterise(layers_[kLevels + level], rows, pixels);
+}
+
 void Scene::rasterise(int level, Extent rows, const Pixels &pixels) const {
     const Level &own = setting_.levels[level];
+    // A picture that is to be set need not be cleared.
+    const bool add = level == top_ || still_.pictures || !layers_[kLevels + level].empty();
+    if (add) begin_band(level, rows, pixels);
     if (level < top_) {
         const Size above = setting_.levels[level + 1].size;
         setting_.kernels.upsample(picture(level + 1), above.width, above.height, pixels,
-                                  own.size.width, rows);
-    } else {
-        float *first = pixels.data + static_cast<std::size_t>(rows.begin - pixels.first_row) *
-                                         kRowFloats;
-        for (int strip = 0; strip < own.strips(); ++strip)
-            std::memset(first + static_cast<std::size_t>(strip) * pixels.rows * kRowFloats, 0,
-                        sizeof(float) * kRowFloats * own.band_rows);
+                                  own.size.width, rows, add);
     }
-    setting_.kernels.rasterise(splats_[level], rows, pixels);
+    setting_.kernels.rasterise(layers_[level], rows, pixels);
 }
 
 void Scene::gather(int level, Extent rows, const Pixels &pixels) const {
-    setting_.kernels.gather(splats_[level], rows, pixels, space_.moments.get());
+    setting_.kernels.gather(layers_[level], rows, pixels, space_.moments.get());
     if (level == top_) return;
     const Level &own = setting_.levels[level], &above = setting_.levels[level + 1];
     setting_.kernels.downsample(
@@ -214,7 +260,7 @@ void Scene::reserve_backward() const {
     space_.edges.reserve(edge_floats(setting_));
     BlockRows *rows = space_.rows.get();
     std::size_t slots = 0;
-    for (const LevelSplats &of : splats_)
+    for (const Layer &of : layers_)
         for (int block = 0; block < blocks(setting_.model); ++block, ++rows) {
             rows->slot = static_cast<int>(slots);
             slots += block_bands(*rows, of.band_rows);
@@ -232,7 +278,7 @@ void Scene::backward_deformation(const Model &gradient) const {
     parallel_for(kGroups, threads_, [&](int job, int) {
         float *own = sums + job * group;
         if (group) std::memset(own, 0, group * sizeof(float));
-        setting_.kernels.backward(m, frame_, splats_, space_.moments.get(),
+        setting_.kernels.backward(m, frame_, layers_, space_.moments.get(),
                                   std::min(job * size, count), std::min(job * size + size, count),
                                   gradient, own, own + xy, own + xy + xt);
     });

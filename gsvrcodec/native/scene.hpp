@@ -24,12 +24,21 @@ struct Level {
 
 // What does not change from frame to frame of one call.
 struct Setting {
-    Setting(const Model &, Size size, Size coded);
+    // apart: what stands still is drawn before what moves, so that it can be kept.
+    Setting(const Model &, Size size, Size coded, bool apart);
 
     const Model &model;
     const Size size, coded;
     const Kernels &kernels;
+    const bool apart;
     Level levels[kLevels];
+};
+
+// What stands still, drawn once for all frames: a picture of each level, of those splats alone.
+struct Still {
+    const float *pictures;  // null: there is none, or too little to be worth it
+    int blocks;             // those before this one hold all that moves
+    int top;                // the highest level with splats, still or not
 };
 
 class Scene {
@@ -37,10 +46,13 @@ class Scene {
     // Memory that frames of a setting need when `bands` threads rasterise one at once.
     static void reserve(const Setting &, int bands, Workspace &);
 
-    // Projects a frame. The workspace must have been reserved.
-    Scene(const Setting &, float tau, int threads, Workspace &);
+    // Projects a frame, all of it or what is not in `still`. The workspace must have been reserved.
+    Scene(const Setting &, float tau, int threads, Workspace &, const Still &still = {});
 
     const Frame &frame() const { return frame_; }
+
+    // Draws what stands still, if that is a good part of the frame, and keeps it in the workspace.
+    Still keep_still() const;
 
     // Rasterises band after band and hands each to done(index, rows, pixels).
     template <class Done>
@@ -85,6 +97,10 @@ class Scene {
     float *edges(int level) const;
     void render_levels() const;
     void gather_levels() const;
+    // Pixels of a whole level in a buffer that holds levels from `first` on.
+    Pixels whole(float *pictures, int first, int level) const;
+    // Sets a band of a level to what stands still.
+    void begin_band(int level, Extent rows, const Pixels &) const;
     // A band of a level, on top of the levels above it.
     void rasterise(int level, Extent rows, const Pixels &) const;
     // Moments of a band's splats, and the next level's gradient.
@@ -96,8 +112,9 @@ class Scene {
     Workspace &space_;
     const int threads_;
     Frame frame_;
-    LevelSplats splats_[kLevels];
-    int top_ = 0;  // the highest level with splats
+    const Still still_;
+    Layer layers_[kLayers];
+    int top_;  // the highest level with splats
 };
 
 }  // namespace gsvr

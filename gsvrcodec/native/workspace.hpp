@@ -41,7 +41,7 @@ struct Workspace {
     Buffer<Splats> splats;
     Buffer<BlockRows> rows;
     Buffer<Moments> moments;
-    Buffer<float> lines, pixels, pictures, plane_gradients, picture_gradients, edges;
+    Buffer<float> lines, pixels, pictures, still, plane_gradients, picture_gradients, edges;
     Buffer<double> sums;
 };
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.levels import LEVELS, level_of, level_size, zoom
+from gsvrcodec.render import Codes
 
 MIN_SCALE = 0.1  #: px of the coded frame
 DILATION = 0.1  #: px^2 of the coded frame
@@ -69,12 +70,12 @@ def deform(
             * _bilinear(parameters["xt"], x, time)
             * _bilinear(parameters["yt"], y, time)
         )
-    gate = (1 - parameters["alpha"])[:, None]
+    offset = (1 - parameters["alpha"])[:, None] * offset
     mu = (
         position
         + parameters["linear"] * tau
         + parameters["quadratic"] * tau**2
-        + gate * offset[:, 0:2]
+        + offset[:, 0:2]
     )
     theta = parameters["rotation"] + offset[:, 4]
     cos, sin = theta.cos(), theta.sin()
@@ -152,7 +153,7 @@ def render_frames(
     coded_size: tuple[int, int],
     *,
     bit_depth: int = 8,
-) -> NDArray[np.uint8 | np.uint16]:
+) -> Codes:
     """Render frames of one GOP in float64; see `gsvrcodec.render.render_frames`."""
     parameters = {
         name: torch.tensor(getattr(gop, name), dtype=torch.float64) for name in Gop.__slots__
@@ -163,4 +164,4 @@ def render_frames(
         for tau in taus
     ]
     codes: NDArray[np.float64] = torch.stack(frames).numpy()
-    return codes.astype(np.uint8 if bit_depth == 8 else np.uint16)
+    return codes.astype(np.uint8) if bit_depth == 8 else codes.astype(np.uint16)

@@ -46,3 +46,14 @@ def test_order_changes_no_picture() -> None:
     taus = np.array([0.3], np.float32)
     picture, same = (render_frames(g, taus, (67, 45), (67, 45)).astype(int) for g in (gop, ordered))
     assert np.abs(picture - same).max() <= 1
+
+
+def test_still_gaussians_come_last() -> None:
+    gop = random_gop(40)
+    gop.alpha[::4] = 1
+    gop.linear[::4] = gop.quadratic[::4] = 0
+    gop.alpha[1] = 1  # its polynomial moves it
+    ordered = by_level(gop)
+    still = (ordered.alpha == 1) & ~ordered.linear.any(axis=1)
+    assert still[-10:].all()
+    assert not still[:-10].any()

@@ -65,6 +65,13 @@ def _colourless() -> Gop:
     return gop
 
 
+def still(gop: Gop, chosen: slice) -> Gop:
+    """The same GOP, where some Gaussians stand still."""
+    gop.alpha[chosen] = 1
+    gop.linear[chosen] = gop.quadratic[chosen] = 0
+    return gop
+
+
 SCENES = {
     "mixed": Scene(random_gop(50)),
     "one": Scene(random_gop(1)),
@@ -79,6 +86,8 @@ SCENES = {
     "wide": Scene(_shaped((60.0, 1.0)), (400, 40), (400, 40)),
     "thin": Scene(_shaped((20.0, 0.4)), (131, 97), (131, 97)),
     "needles": Scene(_shaped((100.0, 0.1), 9), (131, 197), (131, 197)),
+    "still": Scene(still(random_gop(50), slice(None))),
+    "half still": Scene(still(random_gop(50), slice(None, None, 2))),
     "off frame": Scene(_off_frame()),
     "zero colour": Scene(_colourless()),
     "1x1": Scene(random_gop(20), (1, 1), (1, 1)),

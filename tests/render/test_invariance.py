@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,10 +31,13 @@ def test_threads(threads: int, isa: str) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_batch(threads: int, isa: str) -> None:
-    batch = render_frames(SCENE.gop, TAUS, SCENE.size, SCENE.size, threads=threads)
+@pytest.mark.parametrize("standing", [0, 0.1, 0.5, 0.98, 1])
+def test_batch(standing: float, threads: int, isa: str) -> None:
+    """Frames together, whose still Gaussians are drawn once, and each alone."""
+    gop = scenes.still(scenes.random_gop(2500), slice(round(2500 * standing)))
+    batch = scenes.native_float(replace(SCENE, gop=gop), TAUS, threads)
     for tau, frame in zip(TAUS, batch, strict=True):
-        alone = render_frames(SCENE.gop, np.array([tau]), SCENE.size, SCENE.size, threads=threads)
+        alone = scenes.native_float(replace(SCENE, gop=gop), np.array([tau]), threads)
         np.testing.assert_array_equal(alone[0], frame)
 
 
