@@ -37,7 +37,7 @@ needs_clips = pytest.mark.skipif(not CLIPS.is_dir(), reason="GSVR_TEST_CLIPS is 
 Rgb = NDArray[np.uint8]
 
 
-def psnr(a: Rgb, b: Rgb) -> float:
+def psnr(a: NDArray[np.uint8 | np.uint16], b: NDArray[np.uint8 | np.uint16]) -> float:
     """Return the PSNR of two 8-bit pictures in dB, 100 when they are equal."""
     error = float(np.mean((a.astype(np.float64) - b) ** 2))
     return 10 * np.log10(255**2 / error) if error else 100.0
@@ -152,6 +152,7 @@ def gsvr_file(
     auxiliary: dict[bytes, bytes] | None = None,
     grid: tuple[int, int, int] = (4, 3, 5),
     close: bool = True,
+    one_scene: bool = False,
     **header: Any,
 ) -> Path:
     """Write a .gsvr file of random Gaussians.
@@ -166,6 +167,7 @@ def gsvr_file(
         auxiliary: further chunks, by type.
         grid: size of the tri-planes.
         close: False = leave out index and end, as a killed encoder does.
+        one_scene: True = the same Gaussians in every GOP, which move little.
         header: further fields of the header.
     """
     rng = np.random.default_rng(7)
@@ -178,7 +180,11 @@ def gsvr_file(
         for count in frames:
             pts, durations = np.array(times[first : first + count], np.int64).T
             bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
-            writer.add_gop(pack_gop(random_gop(rng, grid=grid), pts, durations, first, bits))
+            gop = random_gop(np.random.default_rng(7) if one_scene else rng, grid=grid)
+            if one_scene:
+                gop.linear[:] /= 9
+                gop.quadratic[:] /= 9
+            writer.add_gop(pack_gop(gop, pts, durations, first, bits))
             first += count
         if settings is not None:
             writer.add_auxiliary(b"sett", json.dumps(settings).encode())

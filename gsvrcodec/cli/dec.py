@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
+from typing import get_args
 
 import click
 
 from gsvrcodec.cli.common import (
     EXIT_PARTIAL,
     about,
+    device_option,
     may_overwrite,
     overwrite_option,
     quiet_option,
@@ -16,11 +19,21 @@ from gsvrcodec.cli.common import (
     threads_option,
     version_option,
 )
+from gsvrcodec.cli.groups import GroupedCommand
+from gsvrcodec.cli.values import rate, seconds, size
+from gsvrcodec.model.layers import Layers
 from gsvrcodec.video.output import DEFAULT_CODEC_PRESET, DEFAULT_CRF
 
 _MUXERS = ("mp4", "mkv", "y4m", "png", "md5", "null")
 _FASTER = ("ultrafast", "superfast", "veryfast", "faster", "fast")
 _SLOWER = ("medium", "slow", "slower", "veryslow", "placebo")
+
+_GROUPS = {
+    "Part of the film": ("start_frame", "frames", "start_seconds", "stop_seconds"),
+    "Pictures": ("fps", "speed", "size", "scale", "layers", "bit_depth"),
+    "Output": ("overwrite", "muxer", "crf", "codec_preset"),
+    "General": ("keep_going", "threads", "device", "quiet", "version", "help"),
+}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -28,17 +41,11 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command("gsvrdec", context_settings={"max_content_width": 100})
+@click.command(
+    "gsvrdec", cls=GroupedCommand, groups=_GROUPS, context_settings={"max_content_width": 100}
+)
 @click.argument("source", metavar="INPUT.gsvr")
 @click.argument("target", metavar="[OUTPUT]", required=False)
-@overwrite_option
-@quiet_option
-@click.option(
-    "--muxer",
-    type=click.Choice(_MUXERS),
-    help="Format of the output, instead of by its name; md5 prints the sum of all RGB bytes, "
-    "null writes nothing.",
-)
 @click.option(
     "--start-frame",
     type=click.IntRange(min=0),
@@ -48,12 +55,68 @@ def main(args: Sequence[str] | None = None) -> int:
     help="First frame to write, from 0.",
 )
 @click.option(
-    "--frames", type=click.IntRange(min=1), metavar="N", help="How many frames; all without it."
+    "--frames",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="How many of its frames; to the end without it.",
 )
 @click.option(
-    "--keep-going",
-    is_flag=True,
-    help=f"Decode what is left of a damaged file; returns {EXIT_PARTIAL} if something is lost.",
+    "--ss",
+    "start_seconds",
+    type=seconds,
+    metavar="TIME",
+    help="Write what starts at this time or later: seconds, or [HH:]MM:SS, on the clock of the "
+    "video's timestamps.",
+)
+@click.option(
+    "--to",
+    "stop_seconds",
+    type=seconds,
+    metavar="TIME",
+    help="Write what starts before this time.",
+)
+@click.option(
+    "--fps",
+    type=rate,
+    metavar="RATE",
+    help="Pictures a second at a constant rate, such as 60 or 60000/1001, rendered between frames.",
+)
+@click.option(
+    "--speed",
+    type=rate,
+    default="1",
+    show_default=True,
+    metavar="FACTOR",
+    help="0.25 = slow motion, four times as long; keeps the mean frame rate without --fps.",
+)
+@click.option(
+    "--size",
+    type=size,
+    metavar="WxH",
+    help="Render at this size in pixels; a side of -1 keeps the shape, -2 also makes it even.",
+)
+@click.option("--scale", type=float, metavar="FACTOR", help="Render at so many times the size.")
+@click.option(
+    "--layers",
+    type=click.Choice(get_args(Layers)),
+    default="all",
+    show_default=True,
+    help="Draw only the Gaussians that move otherwise than most, or only the others.",
+)
+@click.option(
+    "--bit-depth",
+    type=click.Choice(["auto", "8", "10"]),
+    default="auto",
+    show_default=True,
+    help="Bits of a sample; auto = 10 in .mp4 (then HEVC), .mkv and .y4m if the source had more "
+    "than 8.",
+)
+@overwrite_option
+@click.option(
+    "--muxer",
+    type=click.Choice(_MUXERS),
+    help="Format of the output, instead of by its name; md5 prints the sum of all RGB bytes, "
+    "null writes nothing.",
 )
 @click.option(
     "--crf",
@@ -69,9 +132,16 @@ def main(args: Sequence[str] | None = None) -> int:
     default=DEFAULT_CODEC_PRESET,
     show_default=True,
     metavar="NAME",
-    help="x264's effort for .mp4, ultrafast to placebo.",
+    help="Effort of x264 or x265 for .mp4, ultrafast to placebo.",
+)
+@click.option(
+    "--keep-going",
+    is_flag=True,
+    help=f"Decode what is left of a damaged file; returns {EXIT_PARTIAL} if something is lost.",
 )
 @threads_option
+@device_option
+@quiet_option
 @version_option
 def command(
     source: str,
@@ -81,20 +151,30 @@ def command(
     muxer: str | None,
     start_frame: int,
     frames: int | None,
+    start_seconds: Fraction | None,
+    stop_seconds: Fraction | None,
+    fps: Fraction | None,
+    speed: Fraction,
+    size: tuple[int, int] | None,
+    scale: float | None,
+    layers: Layers,
+    bit_depth: str,
     keep_going: bool,
     crf: int,
     codec_preset: str,
     threads: int,
+    device: str,
 ) -> int:
-    """Decode a .gsvr file to a video with the original timestamps.
+    """Decode a .gsvr file to a video: its own frames at their own times, or new ones.
 
-    OUTPUT is .mp4 (H.264, near-lossless), .mkv (FFV1, lossless), .y4m, a numbered picture such as
-    out_%04d.png, or - for Y4M on the standard output.
+    OUTPUT is .mp4 (H.264, or HEVC for 10 bits; near-lossless), .mkv (FFV1, lossless), .y4m, a
+    numbered picture such as out_%04d.png, or - for Y4M on the standard output.
 
     \b
     gsvrdec out.gsvr out.mp4
-    gsvrdec --start-frame 100 --frames 24 out.gsvr part_%04d.png
-    gsvrdec out.gsvr - | ffplay -
+    gsvrdec --ss 1:30 --to 1:32.5 out.gsvr part_%04d.png
+    gsvrdec --fps 60 --speed 0.25 --scale 2 out.gsvr slow.mp4
+    gsvrdec out.gsvr - | ffmpeg -i - -c:v libx265 out.mkv
     gsvrdec --muxer md5 out.gsvr
     """
     from gsvrcodec.cli.progress import FrameDisplay
@@ -103,6 +183,8 @@ def command(
 
     if target is None and muxer not in ("md5", "null"):
         raise click.UsageError("name an output, or - for the standard output")
+    if size is not None and scale is not None:
+        raise click.UsageError("give --size or --scale, not both")
     check_input(source)
     overwrite = may_overwrite(target, overwrite)
     with about(source), FrameDisplay(quiet=quiet) as display:
@@ -112,11 +194,19 @@ def command(
             muxer=muxer,
             start_frame=start_frame,
             frames=frames,
+            start_seconds=start_seconds,
+            stop_seconds=stop_seconds,
+            fps=fps,
+            speed=speed,
+            size=scale if size is None else size,
+            layers=layers,
+            bit_depth=None if bit_depth == "auto" else int(bit_depth),
             overwrite=overwrite,
             keep_going=keep_going,
             crf=crf,
             codec_preset=codec_preset,
             threads=threads,
+            device=device,
             progress=display,
         )
     display.summary(result.frames)

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from fractions import Fraction
 from typing import Literal
 
 import click
+
+_TIME = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d{1,12}(?:\.\d{1,12})?)", re.ASCII)
+_RATE = re.compile(r"\d{1,12}(?:\.\d{1,12}|/\d{1,12})?", re.ASCII)
+_SIZE = re.compile(r"(-[12]|\d{1,9})[x:](-[12]|\d{1,9})", re.ASCII)
+_FILE_SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,6})?)([kmg]?)(?:(i)?b)?", re.ASCII | re.IGNORECASE)
 
 _FACTORS = {"k": 10**3, "m": 10**6, "g": 10**9}
 
@@ -21,6 +28,16 @@ def count(text: str) -> int:
     except (ValueError, OverflowError):
         pass
     raise click.BadParameter(f"{text!r} is not a whole number such as 250000, 250k or 3M")
+
+
+def file_size(text: str) -> int:
+    """Return the bytes that 700000, 700k, 1.5MB, 10M or 1.5MiB stands for."""
+    match = _FILE_SIZE.fullmatch(text)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not a size such as 700k, 10MB or 1.5MiB")
+    number, unit, binary = match.groups(default="")
+    scale: int = (1024 if binary else 1000) ** " kmg".index(unit.lower() or " ")
+    return round(Fraction(number) * scale)
 
 
 def crop(text: str) -> tuple[int, int, int | None, int | None]:
@@ -41,3 +58,30 @@ def gop_length(text: str) -> int | Literal["adaptive"]:
     if text.isascii() and text.isdigit():
         return int(text)
     raise click.BadParameter(f"{text!r} is neither 'adaptive' nor a number of frames")
+
+
+def seconds(text: str) -> Fraction:
+    """Return the seconds that 90.5, 1:30.5 or 0:01:30.5 stands for."""
+    match = _TIME.fullmatch(text)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not a time such as 90.5, 1:30.5 or 0:01:30.5")
+    hours, minutes, rest = match.groups(default="0")
+    return 3600 * int(hours) + 60 * int(minutes) + Fraction(rest)
+
+
+def rate(text: str) -> Fraction:
+    """Return the number that 60, 59.94 or 60000/1001 stands for."""
+    if _RATE.fullmatch(text):
+        try:
+            return Fraction(text)
+        except ZeroDivisionError:
+            pass
+    raise click.BadParameter(f"{text!r} is not a number such as 60, 0.25 or 60000/1001")
+
+
+def size(text: str) -> tuple[int, int]:
+    """Return the width and height that WxH or W:H stands for; -1 and -2 keep the shape."""
+    match = _SIZE.fullmatch(text)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not WxH in pixels, such as 1280x720 or 1280x-2")
+    return int(match[1]), int(match[2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,23 @@ def normalised_time(pts: Ticks) -> Float32Array:
     since = (pts - pts[0]).astype(np.float64)
     tau: Float32Array = ((2.0 * since - since[-1]) / since[-1]).astype(np.float32)
     return tau
+
+
+def time_at(pts: Ticks, ticks: int | Fraction) -> np.float32:
+    """tau of any time: that of a frame at its timestamp, in between in proportion.
+
+    Before the first frame it stays -1, after the last one 1: motion is not carried on beyond the
+    frames that it was fitted to.
+
+    Args:
+        pts: Shape (F,), strictly increasing, ticks.
+        ticks: The time, whole ticks or parts of one.
+    """
+    first, last = int(pts[0]), int(pts[-1])
+    if first == last:
+        return np.float32(0)
+    since, span = float(min(max(ticks, first), last) - first), float(last - first)
+    return np.float32((2.0 * since - span) / span)
 
 
 def pack_timing(pts: Ticks, durations: Ticks) -> bytes:

@@ -1,12 +1,12 @@
 """From a GOP's parameters to frames: one interface, several backends that agree.
 
-Backends: "native" (C++ on the CPU) and "reference" (torch float64, slow: the specification in
-code, which the others are tested against).
+Backends: "native" (C++ on the CPU), `gsvrcodec.render.triton` (GPUs) and "reference" (torch
+float64, slow: the specification in code, which the others are tested against).
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 
 Backend = Literal["native", "reference"]
-Codes = NDArray[np.uint8 | np.uint16]  #: RGB samples
+Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
 
 
 def render_frames(
@@ -24,6 +24,7 @@ def render_frames(
     coded_size: tuple[int, int],
     *,
     backend: Backend = "native",
+    device: str = "cpu",
     bit_depth: int = 8,
     threads: int = 0,
     out: Codes | None = None,
@@ -35,21 +36,30 @@ def render_frames(
         taus: (F,) float32, normalised times in [-1, 1].
         size: width and height to render at, pixels.
         coded_size: width and height of the coded frame, which scales are relative to, pixels.
-        backend: "native" or "reference".
+        backend: "native" or "reference", on the CPU.
+        device: "cpu"; or "cuda:N" to render on a GPU.
         bit_depth: bits of a sample, 8 to 16; white is the code 2^bit_depth - 1.
         threads: native threads; 0 = GSVR_THREADS or all cores. Does not change the result.
         out: (F, height, width, 3), C-contiguous, uint8 for 8 bits and uint16 for more, to be
-            filled; None = a new array.
+            filled; None = a new array. With a GPU it may be a tensor there; see `empty_frames`.
 
     Returns:
         (F, height, width, 3) RGB: `out`, or the new array. A frame is the same whatever others
         are rendered with it.
 
     Raises:
+        DeviceError: the memory of the GPU does not suffice.
         ValueError: a shape is wrong, or the backend or the bit depth unknown.
     """
     if not 8 <= bit_depth <= 16:
         raise ValueError(f"bit_depth must be 8 to 16, not {bit_depth}")
+    if device != "cpu":
+        from gsvrcodec.render import triton
+
+        codes: Codes = triton.render_codes(
+            gop, taus, size, coded_size, device=device, bit_depth=bit_depth, out=out
+        )
+        return codes
     if backend == "native":
         from gsvrcodec.render import native
 
@@ -65,3 +75,24 @@ def render_frames(
         np.copyto(out, frames)
         return out
     raise ValueError(f"backend must be 'native' or 'reference', not {backend!r}")
+
+
+def empty_frames(
+    count: int, size: tuple[int, int], *, bit_depth: int = 8, device: str = "cpu"
+) -> Codes:
+    """Return room for `count` frames of `size` (width, height): (count, height, width, 3).
+
+    An array; or a torch tensor on a GPU if `device` is one, although its type does not say so.
+
+    Raises:
+        DeviceError: the memory of the GPU does not suffice.
+    """
+    shape = (count, size[1], size[0], 3)
+    if device != "cpu":
+        from gsvrcodec.render import triton
+
+        frames: Any = triton.empty_codes(shape, bit_depth, device)
+        return cast(Codes, frames)
+    if bit_depth == 8:
+        return np.empty(shape, np.uint8)
+    return np.empty(shape, np.uint16)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.native import _core
@@ -22,11 +21,11 @@ def render_frames(
 ) -> Codes:
     """Render frames of one GOP; see `gsvrcodec.render.render_frames`."""
     width, height = size
-    shape, dtype = (len(taus), height, width, 3), np.uint8 if bit_depth == 8 else np.uint16
+    shape, dtype = (len(taus), height, width, 3), np.dtype("u1" if bit_depth == 8 else "u2")
     if out is None:
-        out = np.empty(shape, dtype)
+        out = np.empty(shape, np.uint8) if bit_depth == 8 else np.empty(shape, np.uint16)
     elif out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
-        raise ValueError(f"out must be a C-contiguous {dtype.__name__} array of shape {shape}")
+        raise ValueError(f"out must be a C-contiguous {dtype} array of shape {shape}")
     if bit_depth == 8:
         _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
         return out

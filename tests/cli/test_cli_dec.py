@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from subprocess import PIPE
 
+import click
 import numpy as np
 import pytest
 
 import gsvrcodec
+from gsvrcodec.cli import dec
 from gsvrcodec.video import open_video
 from tests import making
-from tests.cli.tools import Runner
+from tests.cli.tools import Runner, start
 
 
 @pytest.fixture
@@ -100,9 +107,176 @@ class TestRanges:
         assert "the video has 12 frames" in line
         assert list(tmp_path.iterdir()) == [path]
 
+    @pytest.mark.parametrize(
+        ("args", "numbers"),
+        [
+            (["--ss", "0.16"], range(4, 12)),
+            (["--ss", "0:00.161"], range(5, 12)),
+            (["--to", "0:00:00.16"], range(4)),
+            (["--ss", "0.16", "--to", "0.24"], range(4, 6)),
+            (["--ss=0.16", "--frames=3"], range(4, 7)),
+            (["--start-frame=3", "--to=0.2"], range(3, 5)),
+        ],
+        ids=str,
+    )
+    def test_times(
+        self, cli: Runner, path: Path, tmp_path: Path, args: list[str], numbers: range
+    ) -> None:
+        assert cli("gsvrdec", path, tmp_path / "out.mkv", *args).code == 0
+        frames = list(open_video(tmp_path / "out.mkv"))
+        assert [frame.pts for frame in frames] == [40 * number for number in numbers]
+
+    @pytest.mark.parametrize(
+        ("args", "message"),
+        [
+            (["--ss", "0.1", "--start-frame", "3"], "as a frame or as a time, not both"),
+            (["--to", "0.1", "--frames", "3"], "as a number of frames or as a time"),
+            (["--ss", "0.3", "--to", "0.2"], "no frame starts in this part"),
+            (["--ss", "9"], "the video runs from 0 s to 0.48 s"),
+            (["--ss", "1:2:3:4"], "'1:2:3:4' is not a time such as 90.5"),
+            (["--ss", "-1"], "'-1' is not a time"),
+            (["--to", "nan"], "'nan' is not a time"),
+        ],
+        ids=str,
+    )
+    def test_contradictions_fail(
+        self, cli: Runner, path: Path, tmp_path: Path, args: list[str], message: str
+    ) -> None:
+        assert message in cli.fails(2, "gsvrdec", path, tmp_path / "out.mkv", *args)
+        assert list(tmp_path.iterdir()) == [path]
+
     @pytest.mark.parametrize("args", [["--start-frame", "-1"], ["--frames", "0"]])
     def test_nonsense_fails(self, cli: Runner, path: Path, args: list[str]) -> None:
         cli.fails(2, "gsvrdec", path, "o.mp4", *args)
+
+
+class TestPictures:
+    def test_rate_speed_and_scale(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        args = ("--fps", "30000/1001", "--speed", "0.5", "--scale", "1.5")
+        assert cli("gsvrdec", path, tmp_path / "out.mkv", *args).code == 0
+        video = open_video(tmp_path / "out.mkv")
+        assert (video.info.width, video.info.height) == (72, 48)
+        times = [int(1001 * number / 30 + 0.5) for number in range(29)]
+        assert [frame.pts for frame in video] == times
+
+    @pytest.mark.parametrize("size", ["96x64", "96:-1", "-2x64"])
+    def test_size(self, cli: Runner, path: Path, tmp_path: Path, size: str) -> None:
+        assert cli("gsvrdec", path, tmp_path / "out.mp4", "--size", size).code == 0
+        info = open_video(tmp_path / "out.mp4").info
+        assert (info.width, info.height) == (96, 64)
+
+    def test_layers(self, cli: Runner, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "scene.gsvr", one_scene=True)
+        sums = {
+            cli("gsvrdec", path, "--muxer", "md5", "--layers", layers).out
+            for layers in ("all", "dynamic", "static")
+        }
+        assert len(sums) == 3
+
+    def test_bit_depth(self, cli: Runner, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "deep.gsvr", frames=(2,), bit_depth=10)
+        for depth, bits in (("auto", 10), ("8", 8), ("10", 10)):
+            args = (path, tmp_path / "out.mkv", "-y", "--bit-depth", depth)
+            assert cli("gsvrdec", *args).code == 0
+            assert open_video(tmp_path / "out.mkv").info.bit_depth == bits
+
+    @pytest.mark.parametrize(
+        ("args", "code", "message"),
+        [
+            (["--size", "96x64", "--scale", "2"], 2, "--size or --scale, not both"),
+            (["--size", "96"], 2, "'96' is not WxH in pixels"),
+            (["--size", "-3x9"], 2, "'-3x9' is not WxH in pixels"),
+            (["--size", "-1x-1"], 2, "both cannot follow"),
+            (["--scale", "0"], 2, "a scale must be a number over 0"),
+            (["--scale", "nan"], 2, "a scale must be a number over 0"),
+            (["--scale", "1e6"], 4, "raise it with GSVR_LIMIT_WIDTH"),
+            (["--fps", "0"], 2, "the frame rate must be over 0"),
+            (["--fps", "1/0"], 2, "'1/0' is not a number"),
+            (["--fps", "1e9"], 2, "'1e9' is not a number"),
+            (["--speed", "0.0"], 2, "the speed must be over 0"),
+            (["--layers", "moving"], 2, "'moving' is not one of 'all', 'dynamic', 'static'"),
+        ],
+        ids=str,
+    )
+    def test_nonsense_fails(
+        self, cli: Runner, path: Path, tmp_path: Path, args: list[str], code: int, message: str
+    ) -> None:
+        assert message in cli.fails(code, "gsvrdec", path, tmp_path / "out.mp4", *args)
+        assert list(tmp_path.iterdir()) == [path]
+
+
+class TestHelp:
+    def test_every_option_is_under_a_heading(self, cli: Runner) -> None:
+        text = cli("gsvrdec", "--help").out
+        headings = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
+        assert headings == ["Part of the film", "Pictures", "Output", "General"]
+        listed = {name for names in dec._GROUPS.values() for name in names}
+        options = [p for p in dec.command.params if isinstance(p, click.Option)]
+        assert {option.name for option in options} <= listed
+        for option in options:
+            assert text.count(f"\n  {', '.join(option.opts)}") == 1
+
+
+class TestNames:
+    """Fault 24."""
+
+    @pytest.mark.parametrize("name", ["with space", "ünïcödé 映画", "-leading", "a'b\"c", "100%"])
+    def test_odd_names(
+        self, cli: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        making.gsvr_file(tmp_path / f"{name}.gsvr", frames=(2,))
+        result = cli("gsvrdec", "-q", "--", f"{name}.gsvr", f"{name}.mkv")
+        assert (result.code, result.err) == (0, "")
+        assert len(list(open_video(tmp_path / f"{name}.mkv"))) == 2
+
+    def test_leading_dash_with_a_directory(
+        self, cli: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        making.gsvr_file(tmp_path / "-a.gsvr", frames=(2,))
+        assert cli("gsvrdec", "./-a.gsvr", "./-a.y4m").code == 0
+        assert (tmp_path / "-a.y4m").exists()
+
+
+class TestPipes:
+    """Outputs that cannot be rewound."""
+
+    def test_stdout_is_the_same_y4m(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        assert cli("gsvrdec", path, tmp_path / "out.y4m", "--fps", "50").code == 0
+        process = start("gsvrdec", path, "-", "--fps", "50", stdout=PIPE, stderr=PIPE)
+        out, err = process.communicate(timeout=60)
+        assert process.returncode == 0
+        assert out == (tmp_path / "out.y4m").read_bytes()
+        assert err.decode().startswith("24 frames in ")
+
+    def test_named_pipe(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        os.mkfifo(tmp_path / "pipe.mkv")
+        with ThreadPoolExecutor(1) as pool:
+            data = pool.submit((tmp_path / "pipe.mkv").read_bytes)
+            assert cli("gsvrdec", path, tmp_path / "pipe.mkv").code == 0
+        (tmp_path / "out.mkv").write_bytes(data.result())
+        frames = list(open_video(tmp_path / "out.mkv"))
+        assert [frame.rgb.tobytes() for frame in frames] == pictures(path)
+
+    def test_mp4_needs_a_file(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        assert "name a file" in cli.fails(2, "gsvrdec", path, "-", "--muxer", "mp4")
+
+    @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg program")
+    def test_ffmpeg_takes_it(self, path: Path, tmp_path: Path) -> None:
+        source = start("gsvrdec", path, "-", "--scale", "2", stdout=PIPE, stderr=PIPE)
+        ffmpeg = subprocess.run(
+            ["ffmpeg", "-v", "error", "-i", "-", "-c:v", "ffv1", str(tmp_path / "out.mkv")],
+            stdin=source.stdout,
+            stderr=PIPE,
+            timeout=60,
+            check=True,
+        )
+        source.communicate(timeout=60)
+        assert (source.returncode, ffmpeg.stderr) == (0, b"")
+        video = open_video(tmp_path / "out.mkv")
+        assert (video.info.width, video.info.height) == (96, 64)
+        assert [frame.pts for frame in video] == [40 * number for number in range(12)]
 
 
 class TestBadInput:

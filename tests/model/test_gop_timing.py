@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.model.timing import Ticks, normalised_time, pack_timing, unpack_timing
+from gsvrcodec.model.timing import Ticks, normalised_time, pack_timing, time_at, unpack_timing
 
 TICKS = st.integers(1, 2**40)
 
@@ -85,3 +87,23 @@ class TestNormalisedTime:
         assert tau[0] == -1
         assert tau[-1] == 1
         assert (np.diff(tau) >= 0).all()
+
+
+class TestTimeAt:
+    @given(steps=st.lists(TICKS, max_size=20), start=st.integers(-(2**60), 2**60))
+    def test_of_a_frame_is_the_frames(self, steps: list[int], start: int) -> None:
+        pts = np.cumsum(ticks(start, *steps))
+        between = [time_at(pts, int(tick)) for tick in pts]
+        assert between == normalised_time(pts).tolist()
+
+    def test_between_frames_is_in_proportion(self) -> None:
+        pts = ticks(100, 130, 200)
+        assert time_at(pts, 150) == 0
+        assert time_at(pts, Fraction(225, 2)) == -0.75
+        assert time_at(pts, Fraction(400, 3)) == np.float32(-1 / 3)
+
+    def test_rests_outside(self) -> None:
+        pts = ticks(100, 200)
+        assert time_at(pts, 99) == -1
+        assert time_at(pts, Fraction(401, 2)) == 1
+        assert time_at(ticks(5), 10**12) == 0

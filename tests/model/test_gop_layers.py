@@ -1,0 +1,70 @@
+"""Layers: each Gaussian is in one of the two, and their pictures add up to the whole."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.layers import DYNAMIC_WAY, Layers, select_layers
+from gsvrcodec.native import _core
+from gsvrcodec.render.native import parameters
+from tests.gops import make_gop
+
+SIZE = (40, 30)
+
+
+def picture(gop: Gop, tau: float) -> Float32Array:
+    """Render without clamping or rounding."""
+    out = np.empty((1, SIZE[1], SIZE[0], 3), np.float32)
+    _core.render_float(parameters(gop), np.array([tau], np.float32), out, *SIZE, 1)
+    return np.asarray(out[0])
+
+
+@pytest.fixture
+def gop() -> Gop:
+    """Half of the Gaussians have no motion of their own."""
+    gop = make_gop(200, (4, 3, 5))
+    gop.linear[::2] = gop.quadratic[::2] = 0
+    return gop
+
+
+def test_every_gaussian_is_in_one_layer(gop: Gop) -> None:
+    dynamic, static = (select_layers(gop, name, SIZE) for name in ("dynamic", "static"))
+    assert min(len(dynamic), len(static)) > 20
+    rows = np.concatenate([dynamic.position, static.position])
+    assert sorted(map(tuple, rows)) == sorted(map(tuple, gop.position))
+    assert select_layers(gop, "all", SIZE) is gop
+
+
+@pytest.mark.parametrize("camera", [0.0, 0.3], ids=["still", "panning"])
+def test_dynamic_is_what_leaves_the_common_motion(gop: Gop, camera: float) -> None:
+    gop.linear[:], gop.quadratic[:] = camera, camera / 2
+    way = 2 * DYNAMIC_WAY  # a frame is 2 wide
+    gop.linear[0, 0] += 1.01 * way
+    gop.linear[1, 0] += 0.99 * way
+    gop.quadratic[2, 1] -= 1.01 * way * SIZE[0] / SIZE[1]
+    gop.quadratic[3, 1] -= 0.99 * way * SIZE[0] / SIZE[1]
+    gop.linear[4, 0] -= 0.6 * way
+    gop.quadratic[4, 0] += 0.6 * way
+    assert np.array_equal(select_layers(gop, "dynamic", SIZE).position, gop.position[[0, 2, 4]])
+
+
+@pytest.mark.parametrize("tau", [-1.0, 0.3])
+def test_pictures_add_up(gop: Gop, tau: float) -> None:
+    parts = [select_layers(gop, name, SIZE) for name in get_args(Layers)]
+    whole, dynamic, static = (picture(part, tau) for part in parts)
+    assert np.abs(dynamic).max() > 0.1
+    assert np.abs(static).max() > 0.1
+    np.testing.assert_allclose(dynamic + static, whole, atol=1e-5)
+
+
+@pytest.mark.parametrize("gaussians", [0, 50])
+def test_a_layer_may_be_empty(gaussians: int) -> None:
+    gop = make_gop(gaussians, (4, 3, 5))
+    gop.linear[:] = gop.quadratic[:] = 0
+    assert len(select_layers(gop, "static", SIZE)) == gaussians
+    assert len(select_layers(gop, "dynamic", SIZE)) == 0
+    assert not picture(select_layers(gop, "dynamic", SIZE), 0).any()
