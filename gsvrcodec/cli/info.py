@@ -21,6 +21,7 @@ from gsvrcodec.cli.common import (
 
 if TYPE_CHECKING:
     from gsvrcodec.report.inspect import FileInfo
+    from gsvrcodec.report.spending import Item
 
 #: Names of the CICP matrices that are common, the others are shown as numbers.
 _MATRICES = {0: "RGB", 1: "BT.709", 2: "untagged", 5: "BT.601", 6: "BT.601", 9: "BT.2020"}
@@ -42,6 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
     help="Write everything as a JSON object; - or nothing = standard output.",
 )
 @click.option("--gops", is_flag=True, help="List every GOP.")
+@click.option("--bits", is_flag=True, help="List what the bytes are spent on, by attribute.")
 @click.option(
     "--verify",
     is_flag=True,
@@ -50,25 +52,32 @@ def main(args: Sequence[str] | None = None) -> int:
 )
 @overwrite_option
 @version_option
-def command(source: str, json_path: str | None, gops: bool, verify: bool, overwrite: bool) -> int:
+def command(
+    source: str, json_path: str | None, gops: bool, bits: bool, verify: bool, overwrite: bool
+) -> int:
     """Show what is in a .gsvr file.
 
     \b
     gsvrinfo out.gsvr
+    gsvrinfo --bits out.gsvr
     gsvrinfo --verify out.gsvr
     gsvrinfo out.gsvr --json | jq .bpp
     """
-    from gsvrcodec.report.inspect import inspect
+    from gsvrcodec.report.inspect import inspect, inspect_bytes
 
     overwrite = may_overwrite(json_path, overwrite)
     with about(source):
         info = inspect(source)
+        items = inspect_bytes(source) if bits or json_path is not None else ()
     if json_path != "-":
         click.echo("\n".join(_lines(info)))
         if gops:
             click.echo("\n".join(_gop_lines(info)))
+        if bits:
+            click.echo("\n".join(_item_lines(items)))
     if json_path is not None:
-        text = json.dumps(info.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        content = info.to_dict() | {"spending": {item.name: item.to_dict() for item in items}}
+        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
         write_text(json_path, text, overwrite=overwrite)
     return _verified(source, info) if verify else _warned(info)
 
@@ -107,6 +116,8 @@ def _lines(info: FileInfo) -> Iterator[str]:
     picture = f"{meta.width}x{meta.height}, {meta.bit_depth} bit, {matrix} {levels} range"
     if meta.sample_aspect != 1:
         picture += f", pixels {meta.sample_aspect.numerator}:{meta.sample_aspect.denominator}"
+    if meta.mirrored:
+        picture += ", shown mirrored"
     if meta.rotation:
         picture += f", shown turned by {meta.rotation} degrees"
     size = f"{meta.size_bytes:,} bytes, {meta.bpp:.4f} bpp"
@@ -152,3 +163,21 @@ def _gop_lines(info: FileInfo) -> Iterator[str]:
             f"{gop.first_frame:>11}{gop.frames:>8}{float(gop.start_pts * base):>12.4f}"
             f"{gop.gaussians:>12,}{grid:>14}{gop.bytes:>12,}"
         )
+
+
+def _item_lines(items: Sequence[Item]) -> Iterator[str]:
+    """Yield a table of what the bytes are spent on."""
+    total = sum(item.bytes for item in items)
+    yield ""
+    yield "spent on          bytes   share  bits a Gaussian  codecs"
+    for item in items:
+        row = _item_row(item.name, item.bytes, total, item.bits_per_gaussian)
+        yield f"{row}  {', '.join(item.codecs)}".rstrip()
+    known = [item.bits_per_gaussian for item in items if item.bits_per_gaussian is not None]
+    yield _item_row("all", total, total, sum(known) if known else None)
+
+
+def _item_row(name: str, size: int, total: int, bits: float | None) -> str:
+    """Return one row of the table without the codecs."""
+    cell = "-" if bits is None else f"{bits:.2f}"
+    return f"{name:<11}{size:>12,}{size / total:>8.1%}{cell:>17}"

@@ -16,6 +16,7 @@ from gsvrcodec.cli.common import (
     version_option,
     write_text,
 )
+from gsvrcodec.cli.tables import print_study
 from gsvrcodec.cli.values import crop as crop_value
 
 
@@ -26,15 +27,28 @@ def main(args: Sequence[str] | None = None) -> int:
 
 @click.command("gsvrreport", context_settings={"max_content_width": 100})
 @click.argument("source", metavar="SOURCE")
-@click.argument("coded", metavar="INPUT.gsvr")
+@click.argument("coded", metavar="INPUT.gsvr ...", nargs=-1, required=True)
+@click.option(
+    "--against",
+    metavar="NAMES",
+    help="Encode the source with these too: x264, x265, svtav1, separated by commas; with "
+    ":key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=source behind a name.",
+)
 @click.option(
     "--json", "json_path", metavar="FILE", help="Write the report as JSON; - = standard output."
 )
 @click.option(
-    "--csv", "csv_path", metavar="FILE", help="Write one line a frame; - = standard output."
+    "--csv",
+    "csv_path",
+    metavar="FILE",
+    help="Write one line a frame of the one file; - = standard output.",
 )
 @click.option(
-    "--plot", "plot_path", metavar="FILE", help="Draw PSNR over frames as .png, .svg or .pdf."
+    "--plot",
+    "plot_path",
+    metavar="FILE",
+    help="Draw PSNR over frames, and over rate if there is more than one point, as .png, .svg "
+    "or .pdf.",
 )
 @click.option(
     "--crop",
@@ -54,7 +68,8 @@ def main(args: Sequence[str] | None = None) -> int:
 @version_option
 def command(
     source: str,
-    coded: str,
+    coded: tuple[str, ...],
+    against: str | None,
     json_path: str | None,
     csv_path: str | None,
     plot_path: str | None,
@@ -64,40 +79,48 @@ def command(
     quiet: bool,
     threads: int,
 ) -> None:
-    """Compare a .gsvr file with the video it was made from.
+    """Compare .gsvr files with the video they were made from, and with other encoders.
 
     \b
     gsvrreport in.mp4 out.gsvr
     gsvrreport in.mp4 out.gsvr --json report.json --csv frames.csv
+    gsvrreport in.mp4 a.gsvr b.gsvr c.gsvr --against x264,x264:key=same,svtav1 --plot rd.png
     """
     from gsvrcodec.cli.progress import FrameDisplay
     from gsvrcodec.files import check_input, check_output
-    from gsvrcodec.report.compare import report
+    from gsvrcodec.report.reference import parse_reference
+    from gsvrcodec.report.study import study
 
     if json_path == csv_path == "-":
         raise click.UsageError("--json and --csv cannot both go to the standard output")
-    check_input(source)
-    check_input(coded)
+    if csv_path is not None and len(coded) > 1:
+        raise click.UsageError("--csv is for one file; give one, or use --json")
+    references = [parse_reference(name) for name in against.split(",")] if against else []
+    for path in (source, *coded):
+        check_input(path)
     outputs = {path: False for path in (json_path, csv_path, plot_path) if path not in (None, "-")}
     for path in outputs:
         outputs[path] = may_overwrite(path, overwrite)
-        check_output(str(path), overwrite=outputs[path], source=source)
-        check_output(str(path), overwrite=outputs[path], source=coded)
-    with about(coded), FrameDisplay(quiet=quiet) as display:
-        result = report(
-            source, coded, crop=crop, start_frame=start_frame, threads=threads, progress=display
+        for given in (source, *coded):
+            check_output(str(path), overwrite=outputs[path], source=given)
+    with FrameDisplay(quiet=quiet) as display:
+        result = study(
+            source,
+            coded,
+            references,
+            crop=crop,
+            start_frame=start_frame,
+            threads=threads,
+            progress=display,
+            about=about,
         )
     if "-" not in (json_path, csv_path):
-        click.echo(
-            f"{result.width}x{result.height}, {len(result.frames)} frames, {result.bytes:,} bytes\n"
-            f"bpp         {result.bpp:.4f}\n"
-            f"PSNR RGB    {result.psnr_rgb:.2f} dB mean of frames, "
-            f"{result.psnr_rgb_pooled:.2f} dB pooled, {result.psnr_rgb_min:.2f} dB worst"
-        )
+        print_study(result)
     if json_path is not None:
         write_text(json_path, result.to_json(), overwrite=outputs.get(json_path, False))
     if csv_path is not None:
-        write_text(csv_path, result.to_csv(), overwrite=outputs.get(csv_path, False))
+        text = result.reports[0].to_csv()
+        write_text(csv_path, text, overwrite=outputs.get(csv_path, False))
     if plot_path is not None:
         from pathlib import Path
 

@@ -9,13 +9,14 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from statistics import fmean
 from typing import Any
+
+import numpy as np
 
 from gsvrcodec.decode import open as open_gsvr
 from gsvrcodec.errors import UsageError
 from gsvrcodec.frames import Metadata
-from gsvrcodec.metrics import psnr_of, squared_error
+from gsvrcodec.report.quality import PictureQuality, Quality
 from gsvrcodec.video.read import Crop, VideoReader, open_video
 
 _log = logging.getLogger(__name__)
@@ -29,6 +30,8 @@ class FrameQuality:
     pts: int  #: presentation time, ticks of the file's time base
     seconds: float  #: presentation time, seconds
     psnr_rgb: float  #: over the 8-bit RGB samples, dB
+    ssim: float | None  #: of luma; None = the picture is too small
+    ms_ssim: float | None  #: of luma; None = the picture is too small
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +42,14 @@ class Report:
     file: str  #: the .gsvr file
     width: int  #: pixels
     height: int  #: pixels
+    gops: int  #: groups of pictures
     bytes: int  #: of the whole file
     bpp: float  #: bits a pixel and frame, copied streams left out
     psnr_rgb: float  #: mean of the frames' PSNR, dB
     psnr_rgb_pooled: float  #: PSNR of the mean squared error of all frames, dB
     psnr_rgb_min: float  #: of the worst frame, dB
+    ssim: float | None  #: mean of the frames; None = they are too small
+    ms_ssim: float | None  #: mean of the frames; None = they are too small
     frames: tuple[FrameQuality, ...]
 
     def to_json(self) -> str:
@@ -84,25 +90,22 @@ def report(
     """
     with open_gsvr(gsvr, threads=threads) as decoder:
         meta = decoder.metadata
-        video = open_video(
-            src,
-            crop=_recorded_crop(meta) if crop is None else crop,
-            start_frame=_recorded_start(meta) if start_frame is None else start_frame,
-            frames=meta.frames,
-        )
-        _check_size(video, meta)
-        errors: list[float] = []
+        video = open_part(src, meta, crop, start_frame)
+        pictures: list[PictureQuality] = []
         frames: list[FrameQuality] = []
         for shot, frame in zip(video, decoder, strict=False):
             if shot.pts * video.info.time_base != frame.pts * meta.time_base and not frames:
                 _log.warning("the first frames have different times: is %s the source?", src)
-            errors.append(squared_error(shot.rgb, frame.data))
+            picture = PictureQuality.of(shot.rgb, frame.data.astype(np.uint8, copy=False))
+            pictures.append(picture)
             frames.append(
                 FrameQuality(
                     frame=frame.index,
                     pts=frame.pts,
                     seconds=frame.pts_seconds,
-                    psnr_rgb=psnr_of(errors[-1]),
+                    psnr_rgb=picture.psnr_rgb,
+                    ssim=picture.ssim,
+                    ms_ssim=picture.ms_ssim,
                 )
             )
             if progress is not None:
@@ -111,18 +114,42 @@ def report(
             raise UsageError(
                 f"{src} ends after {len(frames)} of the {meta.frames} frames of {gsvr}"
             )
+        quality = Quality.of(pictures)
         return Report(
             source=os.fspath(src),
             file=os.fspath(gsvr),
             width=meta.width,
             height=meta.height,
+            gops=meta.gops,
             bytes=meta.size_bytes,
             bpp=meta.bpp,
-            psnr_rgb=fmean(frame.psnr_rgb for frame in frames),
-            psnr_rgb_pooled=psnr_of(fmean(errors)),
-            psnr_rgb_min=min(frame.psnr_rgb for frame in frames),
+            psnr_rgb=quality.psnr_rgb,
+            psnr_rgb_pooled=quality.psnr_rgb_pooled,
+            psnr_rgb_min=quality.psnr_rgb_min,
+            ssim=quality.ssim,
+            ms_ssim=quality.ms_ssim,
             frames=tuple(frames),
         )
+
+
+def open_part(
+    src: str | os.PathLike[str], meta: Metadata, crop: Crop | None, start_frame: int | None
+) -> VideoReader:
+    """Open the part of a video that a .gsvr file was made from; arguments and errors as above."""
+    video = open_video(
+        src,
+        crop=_recorded_crop(meta) if crop is None else crop,
+        start_frame=first_frame(meta, start_frame),
+        frames=meta.frames,
+        **_recorded_reading(meta, by_time=start_frame is None),
+    )
+    _check_size(video, meta)
+    return video
+
+
+def first_frame(meta: Metadata, start_frame: int | None) -> int:
+    """Return the first frame of the source that was coded, as said or else as recorded."""
+    return _recorded_start(meta) if start_frame is None else start_frame
 
 
 def _check_size(video: VideoReader, meta: Metadata) -> None:
@@ -144,6 +171,17 @@ def _recorded_crop(meta: Metadata) -> Crop | None:
     if not (_whole(width) and _whole(height)):
         return None
     return width, height, x if _whole(x) else None, y if _whole(y) else None
+
+
+def _recorded_reading(meta: Metadata, *, by_time: bool) -> dict[str, Any]:
+    """Return how else the encoder was told to read the source; `by_time` = from when on, too."""
+    options: dict[str, Any] = {
+        name: meta.settings.get(name) is True for name in ("bake_rotation", "deinterlace")
+    }
+    for name in ("rate", *(["start_seconds"] if by_time else [])):
+        value = meta.settings.get(name)
+        options[name] = value if isinstance(value, float) else None
+    return options
 
 
 def _recorded_start(meta: Metadata) -> int:

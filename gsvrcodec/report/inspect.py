@@ -15,6 +15,7 @@ from gsvrcodec.frames import Metadata
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, plane_size
 from gsvrcodec.model.pack import unpack_gop
+from gsvrcodec.report.spending import Item, spending
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +67,7 @@ class FileInfo:
             "average_rate": float(meta.average_rate),
             "sample_aspect": str(meta.sample_aspect),
             "rotation": meta.rotation,
+            "mirrored": meta.mirrored,
             "bit_depth": meta.bit_depth,
             "colour": asdict(meta.colour),
             "recovered": self.recovered,
@@ -95,6 +97,14 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
         return FileInfo(
             os.fspath(path), Metadata.of(reader), tuple(gops), reader.recovered, reader.warnings
         )
+
+
+def inspect_bytes(
+    path: str | os.PathLike[str], *, limits: Limits | None = None
+) -> tuple[Item, ...]:
+    """Return what the bytes of a file are spent on; reads all of it. Raises as `inspect`."""
+    with GsvrReader(path, limits) as reader:
+        return spending(reader, limits)
 
 
 def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Iterator[str]:

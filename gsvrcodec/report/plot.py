@@ -1,21 +1,33 @@
-"""PSNR over the frames, as a picture. Needs matplotlib."""
+"""Rate over distortion, and PSNR over the frames, as pictures. Needs matplotlib."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.report.compare import Report
+from gsvrcodec.report.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg", ".pdf")
 
+#: One colour an encoder, one line and marker a variant of it.
+_COLOURS = {"x264": "tab:blue", "x265": "tab:orange", "svtav1": "tab:green"}
+_VARIANTS = ("o-", "s--", "^:", "v-.", "D-")
 
-def plot(report: Report, path: str | os.PathLike[str], *, format: str | None = None) -> None:
-    """Draw the PSNR of every frame.
+
+def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = None) -> None:
+    """Draw the PSNR of every frame; above it rate and distortion, if there is more than one point.
 
     Args:
-        report: what to draw.
+        study: what to draw.
         path: the file to write.
         format: "png", "svg" or "pdf"; None = by the suffix of `path`.
 
@@ -25,17 +37,63 @@ def plot(report: Report, path: str | os.PathLike[str], *, format: str | None = N
     format = format or Path(path).suffix.lower().removeprefix(".")
     if f".{format}" not in FORMATS:
         raise UsageError(f"{path}: a plot is written as {', '.join(FORMATS)}")
+    curves = len(study.reports) > 1 or bool(study.curves)
+    figure = _figure(8, 10 if curves else 4)
+    if curves:
+        upper, lower = figure.subplots(2, height_ratios=(3, 2))
+        plot_rates(upper, study)
+        plot_frames(lower, study.reports)
+    else:
+        plot_frames(figure.subplots(), study.reports)
+    figure.text(
+        0.99, 0.002, f"{study.machine}; {study.libraries}", ha="right", va="bottom", fontsize=6
+    )
+    figure.savefig(path, format=format)
+
+
+def plot_rates(axes: Axes, study: Study) -> None:
+    """Draw mean PSNR over bits a pixel, ours and the references' on the same axes."""
+    ours = sorted((report.bpp, report.psnr_rgb) for report in study.reports)
+    axes.plot(*zip(*ours, strict=True), "o-", linewidth=2.5, color="black", label="GSVR")
+    styles = reference_styles(curve.reference.codec for curve in study.curves)
+    for curve, style in zip(study.curves, styles, strict=True):
+        points = [(point.bpp, point.quality.psnr_rgb) for point in curve.points]
+        label = f"{curve.label} ({curve.version})" if curve.version else curve.label
+        axes.plot(*zip(*points, strict=True), **style, label=label)
+    axes.set(xscale="log", xlabel="bits a pixel and frame", ylabel="mean RGB PSNR, dB")
+    axes.grid(visible=True, which="both", linewidth=0.3)
+    axes.legend(fontsize=8)
+
+
+def reference_styles(codecs: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """Yield how to draw curves of these encoders, so that those of one look akin."""
+    seen: Counter[str] = Counter()
+    for codec in codecs:
+        variant = _VARIANTS[seen[codec] % len(_VARIANTS)]
+        seen[codec] += 1
+        yield {
+            "color": _COLOURS[codec],
+            "marker": variant[0],
+            "linestyle": variant[1:],
+            "linewidth": 1,
+            "markersize": 3,
+        }
+
+
+def plot_frames(axes: Axes, reports: tuple[Report, ...]) -> None:
+    """Draw the PSNR of every frame of each file, and its mean."""
+    for report in reports:
+        values = [frame.psnr_rgb for frame in report.frames]
+        label = f"{Path(report.file).name}: {report.psnr_rgb:.2f} dB at {report.bpp:.4f} bpp"
+        (line,) = axes.plot([frame.frame for frame in report.frames], values, label=label)
+        axes.axhline(report.psnr_rgb, color=line.get_color(), linestyle="--", linewidth=1)
+    axes.set(xlabel="frame", ylabel="RGB PSNR, dB")
+    axes.legend(fontsize=8)
+
+
+def _figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise UsageError("plots need matplotlib: pip install 'gsvrcodec[plot]'") from error
-    figure = Figure(figsize=(8, 4), layout="constrained")
-    axes = figure.add_subplot()
-    axes.plot([frame.frame for frame in report.frames], [f.psnr_rgb for f in report.frames])
-    axes.axhline(report.psnr_rgb, linestyle="--", linewidth=1)
-    axes.set(
-        xlabel="frame",
-        ylabel="RGB PSNR, dB",
-        title=f"{Path(report.file).name}: mean {report.psnr_rgb:.2f} dB at {report.bpp:.4f} bpp",
-    )
-    figure.savefig(path, format=format)
+    return Figure(figsize=(width, height), layout="constrained")

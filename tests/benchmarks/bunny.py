@@ -2,27 +2,29 @@
 
 Encodes the benchmark clip (132 frames, cropped to 1280x640, at most 3M parameters), decodes the
 file and measures it against the source. Prints a line as soon as it is known; `--json` keeps all.
+`python -m tests.benchmarks.page` makes tables and plots of what is kept.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
-import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
-import gsvrcodec
-from gsvrcodec.report.compare import report
+from tests.benchmarks.encodes import HEADING, Row, document, measure, save, show
+from tests.benchmarks.interpolation import Interpolation, interpolate
 from tests.benchmarks.machine import machine
 
 SOURCE = Path(__file__).parents[2] / "samples" / "bigbuckbunny.mp4"
-COMMON: Mapping[str, Any] = {"params": 3_000_000, "crop": (1280, 640, None, None)}
+CROP = (1280, 640, None, None)
+PARAMS = 3_000_000
+#: Bits a pixel, around those that the publication's quality takes.
+RATES = (0.02, 0.03, 0.05, 0.08, 0.12, 0.17)
 
 #: Settings of each row, by table. The publication's times are seconds a frame on an RTX A6000.
 TABLES: Mapping[str, list[dict[str, Any]]] = {
@@ -31,72 +33,76 @@ TABLES: Mapping[str, list[dict[str, Any]]] = {
     "deform": [
         {"time_budget": 1.0, "deform": deform} for deform in ("hybrid", "triplane", "polynomial")
     ],
-    "gop": [{"preset": "fast", "gop": gop, "gop_max": 32} for gop in (15, 30, 60, 100, "adaptive")],
+    "gop": [
+        {"time_budget": 1.0, "gop": gop, "gop_max": 100} for gop in (15, 30, 60, 100, "adaptive")
+    ],
     "profile": [
         {"time_budget": 1.0, "profile": profile, "gop": 24} for profile in ("main", "paper")
     ],
     "quantisation": [{"time_budget": 1.0, "qat": qat} for qat in (True, False)],
+    "rate": [{"time_budget": 8.0, "bpp": bpp} for bpp in RATES],
+    "rate-2s": [{"time_budget": 2.0, "bpp": bpp} for bpp in RATES],
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One encode, measured from its file."""
-
-    table: str
-    settings: dict[str, Any]
-    psnr: float  #: dB, mean of the frames
-    psnr_min: float  #: dB, worst frame
-    float_psnr: float  #: dB, mean of the frames before quantisation
-    bpp: float
-    gops: int
-    gaussians: int
-    seconds_per_frame: float  #: wall time of the whole encode
-
-
-def measure(table: str, settings: dict[str, Any], folder: Path) -> Row:
-    """Encode the clip with `settings` and compare the file with the source."""
-    path = folder / "out.gsvr"
-    start = time.perf_counter()
-    result = gsvrcodec.encode(SOURCE, path, overwrite=True, **COMMON, **settings)
-    seconds = time.perf_counter() - start
-    quality = report(SOURCE, path)
-    return Row(
-        table=table,
-        settings=settings,
-        psnr=quality.psnr_rgb,
-        psnr_min=quality.psnr_rgb_min,
-        float_psnr=result.float_psnr,
-        bpp=quality.bpp,
-        gops=result.gops,
-        gaussians=result.gaussians,
-        seconds_per_frame=seconds / result.frames,
-    )
+INTERPOLATION = "interpolation"
+#: Tables of a quarter of an hour and more.
+LONG = ("slow", "rate")
 
 
 @click.command()
-@click.argument("tables", nargs=-1, type=click.Choice(list(TABLES)))
+@click.argument("tables", nargs=-1, type=click.Choice([*TABLES, INTERPOLATION]))
+@click.option("--frames", type=click.IntRange(min=2), help="The first ones only, to try it out.")
+@click.option("--preset", help="Instead of all times, to try it out.")
+@click.option("--keep", type=click.Path(path_type=Path), help="Directory for the .gsvr files.")
 @click.option("--json", "output", type=click.Path(path_type=Path), help="Write the rows here.")
-def main(tables: tuple[str, ...], output: Path | None) -> None:
-    """Measure TABLES, or all but "slow", which takes a quarter of an hour."""
-    described = machine()
-    print(described)
-    print(f"{'':36}{'PSNR':>7}{'worst':>7}{'float':>7}{'bpp':>8}{'GOPs':>6}{'s/frame':>9}")
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for table in tables or [name for name in TABLES if name != "slow"]:
-            for settings in TABLES[table]:
-                row = measure(table, settings, Path(folder))
-                rows.append(row)
-                name = ", ".join(f"{key} {value}" for key, value in settings.items())
+def main(
+    tables: tuple[str, ...],
+    frames: int | None,
+    preset: str | None,
+    keep: Path | None,
+    output: Path | None,
+) -> None:
+    """Measure TABLES, or all but "slow" and "rate", which take a quarter of an hour and more."""
+    print(machine())
+    print(HEADING)
+    params = PARAMS if frames is None else PARAMS * frames // 132
+    common = {"crop": CROP, "frames": frames, "audio": False}
+    rows: list[Row] = []
+    between: Interpolation | None = None
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = keep or Path(temporary)
+        folder.mkdir(exist_ok=True)
+        for table in tables or [name for name in (*TABLES, INTERPOLATION) if name not in LONG]:
+            if table == INTERPOLATION:
+                settings = _hurried({"params": params // 2, "time_budget": 2.0}, preset)
+                between = interpolate(SOURCE, CROP, frames, settings, Path(temporary))
                 print(
-                    f"{name:36}{row.psnr:7.2f}{row.psnr_min:7.2f}{row.float_psnr:7.2f}"
-                    f"{row.bpp:8.4f}{row.gops:6d}{row.seconds_per_frame:9.2f}",
-                    flush=True,
+                    f"interpolation: {between.train:.2f} dB seen, {between.test:.2f} dB between, "
+                    f"{between.test_inside:.2f} dB between and inside of a GOP"
                 )
-    if output is not None:
-        document = {"machine": described, "common": COMMON, "rows": [asdict(r) for r in rows]}
-        output.write_text(json.dumps(document, indent=1) + "\n")
+            for number, settings in enumerate(TABLES.get(table, [])):
+                path = folder / f"{table}-{number}.gsvr"
+                size = {} if "bpp" in settings else {"params": params}
+                rows.append(measure(table, SOURCE, path, _hurried(settings, preset), common | size))
+                show(rows[-1])
+            if output is not None:
+                save(output, _document(common | {"params": params}, rows, between))
+
+
+def _document(
+    common: Mapping[str, Any], rows: list[Row], between: Interpolation | None
+) -> dict[str, Any]:
+    """What is kept of all that was measured so far."""
+    content = document("tests.benchmarks.bunny", common, rows)
+    if between is not None:
+        content[INTERPOLATION] = asdict(between)
+    return content
+
+
+def _hurried(settings: dict[str, Any], preset: str | None) -> dict[str, Any]:
+    """The settings with a preset instead of a time."""
+    if preset is None:
+        return settings
+    return {k: v for k, v in settings.items() if k != "time_budget"} | {"preset": preset}
 
 
 if __name__ == "__main__":

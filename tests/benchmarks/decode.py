@@ -59,7 +59,7 @@ def gsvr_frames(path: Path, threads: int) -> Iterator[NDArray[np.uint8]]:
     """Decode a .gsvr file to RGB."""
     with gsvrcodec.open(path, threads=threads) as decoder:
         for frame in decoder:
-            yield frame.data
+            yield frame.data.astype(np.uint8, copy=False)
 
 
 def drain(frames: Iterable[object]) -> None:

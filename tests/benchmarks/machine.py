@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
+import sys
 from pathlib import Path
 
 from gsvrcodec import __version__
 from gsvrcodec.native import _core
+from gsvrcodec.report.machine import cores, processor
 
 
 def machine() -> str:
     """Processor, cores in use, kernels, versions and commit, in one line."""
-    cores = len(os.sched_getaffinity(0))
     return (
-        f"{_processor()}, {cores} cores, kernels {_core.isa()}, "
+        f"{processor()}, {cores()} cores, kernels {_core.isa()}, "
         f"gsvrcodec {__version__} ({commit()}), Python {platform.python_version()}"
     )
 
@@ -35,10 +35,7 @@ def commit() -> str:
     return described.stdout.strip()
 
 
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+def command(module: str) -> str:
+    """How this process was started; where files lie on this machine is left out."""
+    words = [Path(word).name if Path(word).is_absolute() else word for word in sys.argv[1:]]
+    return " ".join(["python -m", module, *words])

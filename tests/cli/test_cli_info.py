@@ -41,6 +41,19 @@ class TestInfo:
         assert [row.split()[:2] for row in rows[1:]] == [["0", "5"], ["5", "3"], ["8", "4"]]
         assert {len(row) for row in rows} == {len(rows[0])}
 
+    def test_bits(self, cli: Runner, path: Path) -> None:
+        lines = cli("gsvrinfo", "--bits", path).out.partition("\n\n")[2].splitlines()
+        assert max(map(len, lines)) <= 80
+        rows = [line.split() for line in lines[1:]]
+        sizes = [int(row[1].replace(",", "")) for row in rows]
+        assert [rows[0][0], rows[-1][0]] == ["position", "all"]
+        assert sum(sizes[:-1]) == sizes[-1] == path.stat().st_size
+        spending = json.loads(cli("gsvrinfo", path, "--json").out)["spending"]
+        assert [item["bytes"] for item in spending.values()] == sizes[:-1]
+        assert float(rows[0][3]) == pytest.approx(
+            spending["position"]["bits_per_gaussian"], abs=5e-3
+        )
+
     def test_control_characters_are_not_printed(self, cli: Runner, tmp_path: Path) -> None:
         hostile = making.gsvr_file(tmp_path / "a.gsvr", settings={"a": "\x1b[2J\u202e"})
         out = cli("gsvrinfo", hostile).out
@@ -146,3 +159,41 @@ class TestReport:
         os.link(path, tmp_path / "r.json")
         line = cli.fails(1, "gsvrreport", making.NOISE, path, "--json", tmp_path / "r.json", "-y")
         assert "is the input itself" in line
+
+    def test_against_other_encoders(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        second = making.gsvr_file(tmp_path / "b.gsvr", size=(160, 120), grid=(0, 0, 0))
+        target = tmp_path / "rd.json"
+        result = cli(
+            "gsvrreport", making.NOISE, path, second, "--against", "x264:intra", "--json", target
+        )
+        assert (result.code, result.err) == (0, "")
+        lines = result.out.splitlines()
+        assert max(map(len, lines)) <= 80
+        assert "against x264 medium all intra:" in lines
+        assert "  no BD-rate: the two curves have no PSNR in common" in lines
+        rows = [line.split() for line in lines if line.startswith(("a.gsvr", "b.gsvr", "CRF"))]
+        data = json.loads(target.read_text())
+        assert [float(row[1]) for row in rows[:2]] == [
+            pytest.approx(bpp, abs=5e-5) for bpp in (data["bpp"], data["more"][0]["bpp"])
+        ]
+        assert [float(row[2]) for row in rows[2:]] == [
+            pytest.approx(point["bpp"], abs=5e-5) for point in data["against"][0]["points"]
+        ]
+
+    def test_damaged_file_of_several_is_named(
+        self, cli: Runner, path: Path, tmp_path: Path
+    ) -> None:
+        damaged = tmp_path / "b.gsvr"
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        damaged.write_bytes(data)
+        line = cli.fails(3, "gsvrreport", making.NOISE, path, damaged)
+        assert line.startswith(f"{damaged}: chunk GOPD at byte")
+
+    def test_csv_of_several_fails(self, cli: Runner, path: Path) -> None:
+        line = cli.fails(2, "gsvrreport", making.NOISE, path, path, "--csv", "-")
+        assert "--csv is for one file" in line
+
+    def test_other_encoder_unknown_fails(self, cli: Runner, path: Path) -> None:
+        line = cli.fails(2, "gsvrreport", making.NOISE, path, "--against", "x264,vp9")
+        assert "the encoders are x264, x265, svtav1" in line

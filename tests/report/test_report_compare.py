@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import logging
-from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
@@ -14,8 +13,7 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec.errors import CorruptError, NotAVideoError, UsageError
-from gsvrcodec.report.compare import Report, report
-from gsvrcodec.report.plot import plot
+from gsvrcodec.report.compare import report
 from tests import making
 
 
@@ -40,6 +38,11 @@ class TestFigures:
         assert result.psnr_rgb == pytest.approx(fmean(expected))
         assert result.psnr_rgb_pooled == pytest.approx(pooled)
         assert result.psnr_rgb_min == pytest.approx(expected[-1])
+        likeness = [frame.ssim for frame in result.frames if frame.ssim is not None]
+        assert result.ssim == pytest.approx(fmean(likeness))
+        assert 0.5 < min(likeness) < max(likeness) == likeness[0] < 1
+        assert result.ms_ssim is None  # 32 rows are too few
+        assert result.gops == 3
         assert result.bytes == pair[1].stat().st_size
         assert result.bpp == 8 * result.bytes / (12 * 48 * 32)
         assert [frame.frame for frame in result.frames] == list(range(12))
@@ -63,7 +66,7 @@ class TestFigures:
     def test_csv(self, pair: tuple[Path, Path]) -> None:
         result = report(*pair)
         rows = list(csv.DictReader(result.to_csv().splitlines()))
-        assert list(rows[0]) == ["frame", "pts", "seconds", "psnr_rgb"]
+        assert list(rows[0]) == ["frame", "pts", "seconds", "psnr_rgb", "ssim", "ms_ssim"]
         assert [float(row["psnr_rgb"]) for row in rows] == [f.psnr_rgb for f in result.frames]
         assert rows[3]["pts"] == "1536"
 
@@ -113,20 +116,3 @@ class TestOtherSources:
             report(text, pair[1])
         with pytest.raises(CorruptError):
             report(pair[0], text)
-
-
-class TestPlot:
-    @pytest.fixture
-    def result(self, pair: tuple[Path, Path]) -> Report:
-        return report(*pair)
-
-    @pytest.mark.parametrize(("suffix", "start"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])
-    def test_written(self, result: Report, tmp_path: Path, suffix: str, start: bytes) -> None:
-        pytest.importorskip("matplotlib")
-        target = tmp_path / f"plot{suffix}"
-        plot(result, target)
-        assert target.read_bytes().startswith(start)
-
-    def test_other_format_fails(self, result: Report, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match=r"\.png, \.svg, \.pdf"):
-            plot(replace(result), tmp_path / "plot.txt")

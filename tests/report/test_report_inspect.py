@@ -9,7 +9,9 @@ import pytest
 
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, NotGsvrError
-from gsvrcodec.report.inspect import inspect, verify
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.pack import plane_table
+from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
 
 
@@ -45,6 +47,45 @@ class TestInspect:
     def test_video_fails(self) -> None:
         with pytest.raises(NotGsvrError):
             inspect(making.NOISE)
+
+
+class TestBytes:
+    def test_all_of_the_file_by_attribute(self, tmp_path: Path) -> None:
+        extra = {b"strm": bytes(5000), b"abcd": bytes(30)}
+        path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 3}, auxiliary=extra)
+        items = {item.name: item for item in inspect_bytes(path)}
+        planes: dict[str, int] = {}
+        with GsvrReader(path) as reader:
+            payloads = [reader.read_gop(position) for position in range(3)]
+            framing = 8 + 20 * len(reader.chunks)
+            framing += sum(c.size for c in reader.chunks if c.type in (b"HEAD", b"indx", b"fend"))
+        for payload in payloads:
+            for entry in plane_table(payload):
+                name = entry.attribute.name
+                planes[name] = planes.get(name, 0) + entry.size
+        assert {name: items[name].bytes for name in planes} == planes
+        assert {attribute.name for attribute in ATTRIBUTES} == set(planes)
+        assert items["heads"].bytes == sum(map(len, payloads)) - sum(planes.values())
+        assert items["container"].bytes == framing
+        assert (items["streams"].bytes, items["other"].bytes) == (5000, 30)
+        assert items["settings"].bytes == len('{"seed": 3}')
+        assert "unread" not in items
+        assert sum(item.bytes for item in items.values()) == path.stat().st_size
+        assert items["colour"].bits_per_gaussian == 8 * planes["colour"] / 180
+        assert "ranges" in items["rotation"].codecs
+
+    def test_damaged_gop_is_unread(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr")
+        sound = {item.name: item.bytes for item in inspect_bytes(path)}
+        with GsvrReader(path) as reader:
+            gop = reader.gops[1].chunk
+        data = bytearray(path.read_bytes())
+        data[gop.payload_offset + 100] ^= 1
+        path.write_bytes(data)
+        found = {item.name: item.bytes for item in inspect_bytes(path)}
+        assert found["unread"] == gop.size
+        assert found["position"] < sound["position"]
+        assert sum(found.values()) == len(data)
 
 
 class TestVerify:

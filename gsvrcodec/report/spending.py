@@ -1,0 +1,84 @@
+"""What the bytes of a .gsvr file are spent on; no plane is decoded."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gsvrcodec.container.chunk import (
+    GOP_TYPE,
+    METADATA_TYPE,
+    OVERHEAD_BYTES,
+    SETTINGS_TYPE,
+    SIGNATURE,
+    STREAMS_TYPE,
+    STRUCTURAL_TYPES,
+)
+from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.pack import plane_table
+
+_AUXILIARY = {SETTINGS_TYPE: "settings", METADATA_TYPE: "metadata", STREAMS_TYPE: "streams"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Item:
+    """One purpose that bytes serve."""
+
+    name: str
+    bytes: int  #: in the whole file
+    bits_per_gaussian: float | None  #: None = the file has no Gaussians
+    codecs: tuple[str, ...] = ()  #: what its planes are coded with
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all but the name."""
+        return {key: value for key, value in asdict(self).items() if key != "name"}
+
+
+def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ...]:
+    """Return what takes the bytes of a file; together they are all of it.
+
+    The items are the attributes in the order of the spec, which ends with the three tri-planes;
+    "heads", all else in the GOPs: head, timing and plane table; the auxiliary chunks; "container",
+    what frames and finds them; and "unread", what is damaged or not known to this version. Empty
+    items are left out.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    limits = limits or Limits.from_environment()
+    sizes: dict[str, int] = {attribute.name: 0 for attribute in ATTRIBUTES}
+    codecs: dict[str, set[str]] = {}
+    names = ("heads", *_AUXILIARY.values(), "other", "container", "unread")
+    sizes |= dict.fromkeys(names, 0)
+    sizes["container"] = len(SIGNATURE) + OVERHEAD_BYTES * len(reader.chunks)
+    for chunk in reader.chunks:
+        if chunk.type in STRUCTURAL_TYPES - {GOP_TYPE}:
+            sizes["container"] += chunk.size
+        elif chunk.type != GOP_TYPE:
+            sizes[_AUXILIARY.get(chunk.type, "other")] += chunk.size
+    for position in range(len(reader.gops)):
+        try:
+            payload = reader.read_gop(position)
+            entries = plane_table(payload, limits)
+        except (CorruptError, UnsupportedError):
+            continue
+        sizes["heads"] += len(payload) - sum(entry.size for entry in entries)
+        for entry in entries:
+            name = entry.attribute.name
+            sizes[name] += entry.size
+            codecs.setdefault(name, set()).add(entry.codec.name.lower())
+    sizes["unread"] = reader.size - sum(sizes.values())
+    gaussians = sum(gop.gaussians for gop in reader.gops)
+    return tuple(
+        Item(
+            name=name,
+            bytes=size,
+            bits_per_gaussian=8 * size / gaussians if gaussians else None,
+            codecs=tuple(sorted(codecs.get(name, ()))),
+        )
+        for name, size in sizes.items()
+        if size
+    )

@@ -1,0 +1,151 @@
+"""Rate and distortion of several .gsvr files of one source, against other encoders."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from gsvrcodec.decode import open as open_gsvr
+from gsvrcodec.errors import UsageError
+from gsvrcodec.report.compare import Report, first_frame, open_part, report
+from gsvrcodec.report.curve import BdRate, RateCurve
+from gsvrcodec.report.machine import cores, processor
+from gsvrcodec.report.reference import Curve, Reference, measure
+from gsvrcodec.video.elementary import library_versions
+from gsvrcodec.video.read import Crop
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """Files of one source, and what other encoders make of the same frames."""
+
+    reports: tuple[Report, ...]  #: one a file
+    decode_fps: tuple[float, ...]  #: frames a second of each, from the file to RGB
+    curves: tuple[Curve, ...]  #: one a reference
+    machine: str  #: processor and cores
+    libraries: str  #: versions of what the references ran on
+
+    @property
+    def rate_curve(self) -> RateCurve:
+        """Bits a pixel and frame of the files over the mean PSNR of their frames."""
+        return RateCurve((report.psnr_rgb, report.bpp) for report in self.reports)
+
+    def bd_rate(self, curve: Curve) -> BdRate | None:
+        """Return how much more rate the files need than a reference; None = no overlap."""
+        return self.rate_curve.bd_rate(curve.rate_curve)
+
+    def to_json(self) -> str:
+        """Return one JSON object: the first file's report, and the rest in fields of its own."""
+        files: list[dict[str, Any]] = [
+            asdict(report) | {"decode_fps": fps}
+            for report, fps in zip(self.reports, self.decode_fps, strict=True)
+        ]
+        return (
+            json.dumps(
+                files[0]
+                | {
+                    "machine": self.machine,
+                    "libraries": self.libraries,
+                    "more": files[1:],
+                    "against": [self._against(curve) for curve in self.curves],
+                },
+                indent=2,
+                ensure_ascii=False,
+            )
+            + "\n"
+        )
+
+    def _against(self, curve: Curve) -> dict[str, Any]:
+        """Return a reference, and how the files compare with it."""
+        bd_rate = self.bd_rate(curve)
+        return asdict(curve) | {
+            "bd_rate": None if bd_rate is None else asdict(bd_rate),
+            "bpp_at_equal_psnr": [curve.rate_curve.rate(r.psnr_rgb) for r in self.reports],
+        }
+
+
+def study(
+    src: str | os.PathLike[str],
+    files: Sequence[str | os.PathLike[str]],
+    references: Sequence[Reference] = (),
+    *,
+    crop: Crop | None = None,
+    start_frame: int | None = None,
+    threads: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    about: Callable[[str | os.PathLike[str]], AbstractContextManager[object]] = nullcontext,
+) -> Study:
+    """Measure .gsvr files and other encoders on the same frames of one source.
+
+    Args:
+        src: the video.
+        files: what was made from it, at least one; all of the same frames.
+        references: other encoders.
+        crop: the part of the picture that was coded; None = as the files' settings say.
+        start_frame: the first frame that was coded; None = as the files' settings say.
+        threads: to decode and encode with; 0 = all cores.
+        progress: is told how many frames of a file, or of all encodes of a reference, are done,
+            and how many there are.
+        about: surrounds the work on each file; errors that leave it may name the file.
+
+    Raises:
+        UsageError: source and files do not belong together, or an encoder refuses them.
+        InputError, NotAVideoError: as `open_video`; CorruptError: as `gsvrcodec.open`.
+    """
+    reports, speeds, curves = [], [], []
+    for file in files:
+        with about(file):
+            reports.append(
+                report(
+                    src,
+                    file,
+                    crop=crop,
+                    start_frame=start_frame,
+                    threads=threads,
+                    progress=progress,
+                )
+            )
+            speeds.append(_decode_fps(file, threads))
+    with open_gsvr(files[0]) as decoder:
+        meta = decoder.metadata
+    _check_same(reports)
+    video, start = open_part(src, meta, crop, start_frame), first_frame(meta, start_frame)
+    gop = max(1, round(meta.frames / meta.gops))
+    for reference in references:
+        chosen = replace(reference, key=gop) if reference.key == "same" else reference
+        curves.append(
+            measure(chosen, video, start, meta.frames, threads=threads, progress=progress)
+        )
+    return Study(
+        reports=tuple(reports),
+        decode_fps=tuple(speeds),
+        curves=tuple(curves),
+        machine=f"{processor()}, {cores()} cores",
+        libraries=library_versions(),
+    )
+
+
+def _decode_fps(file: str | os.PathLike[str], threads: int) -> float:
+    """Return how many frames a second come out of a file."""
+    with open_gsvr(file, threads=threads) as decoder:
+        began = time.perf_counter()
+        deque(decoder, maxlen=0)
+        return len(decoder) / (time.perf_counter() - began)
+
+
+def _check_same(reports: Sequence[Report]) -> None:
+    """Refuse files that were not made from the same frames."""
+    first = reports[0]
+    for other in reports[1:]:
+        mine, its = (f"{len(r.frames)} frames of {r.width}x{r.height}" for r in (first, other))
+        if mine != its:
+            raise UsageError(
+                f"{first.file} has {mine}, {other.file} {its}; only files of the same frames "
+                "can be compared"
+            )

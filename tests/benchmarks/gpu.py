@@ -1,0 +1,268 @@
+"""All figures of a GPU in one run: `python -m tests.benchmarks.gpu [PART ...] [--json FILE]`.
+
+Parts: "correctness" against the CPU, "render" (frames a second from parameters on the device to
+samples on the device), "training" (steps a second), "encode" (PSNR against seconds a frame on the
+benchmark clip). Shares of the peaks are of what a copy and a float32 matrix product reach here.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import click
+import numpy as np
+import torch
+
+import gsvrcodec
+from gsvrcodec.errors import GsvrError
+from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.optimise import MAIN, Effort, optimise
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.render import render_frames
+from gsvrcodec.render.device import choose_device
+from tests.benchmarks.machine import machine
+
+#: The publication's clip and setting.
+SOURCE = Path(__file__).parents[2] / "samples" / "bigbuckbunny.mp4"
+COMMON: dict[str, Any] = {"params": 3_000_000, "crop": (1280, 640, None, None)}
+
+SIZES = ((1280, 640), (1920, 960))
+GAUSSIANS = (10_000, 20_000, 40_000, 80_000)
+BUDGETS = (0.5, 1.0, 2.0)  # seconds a frame
+FRAMES = 24  # of a GOP
+TAUS = np.linspace(-1, 1, FRAMES, dtype=np.float32)
+#: Operations for one pixel of one Gaussian: offsets 3, exponent 6, power 1, cut-off 2, colours 6.
+FLOPS_PER_PIXEL = 18
+
+Row = dict[str, Any]
+
+
+def typical_gop(gaussians: int, size: tuple[int, int], seed: int = 0) -> Gop:
+    """Gaussians spread evenly, as large as their distances ask, a few much larger."""
+    r = np.random.default_rng(seed)
+    spacing = np.sqrt(size[0] * size[1] / gaussians)
+    arrays = {
+        "position": r.uniform(-1, 1, (gaussians, 2)),
+        "log_scale": np.log(0.45 * spacing) + r.normal(0, 0.6, (gaussians, 2)),
+        "rotation": r.uniform(0, np.pi, gaussians),
+        "colour": r.uniform(0, 0.6, (gaussians, 3)),
+        "alpha": r.uniform(0, 1, gaussians),
+        "linear": r.normal(0, 0.02, (gaussians, 2)),
+        "quadratic": r.normal(0, 0.01, (gaussians, 2)),
+        "xy": r.normal(0, 0.02, (32, 64, 8)),
+        "xt": r.normal(1, 0.1, (FRAMES, 64, 8)),
+        "yt": r.normal(1, 0.1, (FRAMES, 32, 8)),
+    }
+    return Gop(**{name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()})
+
+
+def _event() -> torch.cuda.Event:
+    return torch.cuda.Event(enable_timing=True)  # type: ignore[no-untyped-call]
+
+
+def seconds_of(call: Callable[[], object], device: str, repeats: int = 9) -> float:
+    """Median time of a call on the device, after three for nothing."""
+    for _ in range(3):
+        call()
+    times: list[float] = []
+    for _ in range(repeats):
+        start, end = _event(), _event()
+        with torch.cuda.device(device):
+            start.record()
+            call()
+            end.record()
+        end.synchronize()
+        times.append(start.elapsed_time(end) / 1000)
+    return median(times)
+
+
+def peaks(device: str) -> Row:
+    """Bytes and float32 operations a second that simple programs reach."""
+    source = torch.empty(2**28, device=device).normal_()
+    target = torch.empty_like(source)
+    copied = 2 * source.nbytes / seconds_of(lambda: target.copy_(source), device)
+    side = 8192
+    factor = source[: side * side].view(side, side)
+    product = 2 * side**3 / seconds_of(lambda: factor @ factor, device)
+    return {"bytes_per_second": copied, "flops_per_second": product}
+
+
+def correctness(device: str) -> list[Row]:
+    """Samples and gradients against the CPU."""
+    rows = []
+    for size, coded in (
+        ((640, 360), (640, 360)),
+        ((333, 201), (640, 360)),
+        ((962, 541), (640, 360)),
+    ):
+        gop = typical_gop(6000, coded)
+        expected = render_frames(gop, TAUS, size, coded).astype(int)
+        difference = np.abs(render_frames(gop, TAUS, size, coded, device=device) - expected)
+        again = render_frames(gop, TAUS, size, coded, device=device)
+        target = np.random.default_rng(1).integers(0, 256, (size[1], size[0], 3), np.uint8)
+        gradients = []
+        for place in "cpu", device:
+            field = Field(gop, "hybrid", place)
+            shown = field.uploaded(target[None])[0]
+            squared_error(field.tensors(), 0.3, shown, coded).backward()  # type: ignore[no-untyped-call]
+            gradients.append({k: v.grad.cpu() for k, v in field.raw.items() if v.grad is not None})
+        on_cpu, on_gpu = gradients
+        rows.append(
+            {
+                "size": size,
+                "coded_size": coded,
+                "largest_difference": int(difference.max()),
+                "share_different": float((difference > 0).mean()),
+                "same_again": bool((np.abs(again - expected) == difference).all()),
+                "gradient_error": max(
+                    float((on_gpu[k] - on_cpu[k]).norm() / on_cpu[k].norm()) for k in on_cpu
+                ),
+            }
+        )
+    return rows
+
+
+def rendering(device: str, ceiling: Row) -> list[Row]:
+    """Frames a second, all of a GOP in one pass, nothing copied to the host."""
+    from gsvrcodec.render.triton import empty_codes, render, upload
+    from gsvrcodec.render.triton.launch import Pass
+
+    rows = []
+    for size in SIZES:
+        for gaussians in GAUSSIANS:
+            parameters = upload(typical_gop(gaussians, size), torch.device(device))
+            taus = torch.from_numpy(TAUS).to(device)
+            out = empty_codes((FRAMES, size[1], size[0], 3), 8, device)
+            call = partial(render, parameters, taus, size, size, bit_depth=8, out=out)
+            fps = FRAMES / seconds_of(call, device)
+            pixels = Pass(parameters, taus, size, size).pixels_drawn() / FRAMES
+            # Samples of 4/3 of the frame's pixels written and read, and the codes.
+            moved = size[0] * size[1] * 3 * (2 * 4 * 4 / 3 + 1)
+            rows.append(
+                {
+                    "size": size,
+                    "gaussians": gaussians,
+                    "fps": fps,
+                    "pixels_per_frame": pixels,
+                    "share_of_arithmetic": FLOPS_PER_PIXEL
+                    * pixels
+                    * fps
+                    / ceiling["flops_per_second"],
+                    "share_of_bandwidth": moved * fps / ceiling["bytes_per_second"],
+                }
+            )
+    return rows
+
+
+def training(device: str) -> list[Row]:
+    """Steps a second of the whole loop: forward, backward and Adam, one frame a step."""
+    recipe, steps = replace(MAIN, coarse=0.0, relocations=()), 400
+    rows = []
+    for size in SIZES:
+        for gaussians in GAUSSIANS:
+            goal = typical_gop(gaussians, size, 1)
+            frames = np.asarray(render_frames(goal, TAUS, size, size, device=device), np.uint8)
+            field = Field(typical_gop(gaussians, size), "hybrid", device)
+            rng = np.random.default_rng(0)
+            optimise(field, frames, TAUS, recipe, Effort(20), rng)
+            torch.cuda.synchronize(device)
+            start = time.perf_counter()
+            optimise(field, frames, TAUS, recipe, Effort(steps), rng)
+            torch.cuda.synchronize(device)
+            pace = steps / (time.perf_counter() - start)
+            rows.append({"size": size, "gaussians": gaussians, "steps_per_second": pace})
+    return rows
+
+
+def encoding(device: str) -> list[Row]:
+    """The benchmark clip at most 3M parameters: PSNR as decoded, against wall time."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for budget in BUDGETS:
+            result = gsvrcodec.encode(
+                SOURCE,
+                Path(folder) / "out.gsvr",
+                overwrite=True,
+                time_budget=budget,
+                device=device,
+                **COMMON,
+            )
+            rows.append(
+                {
+                    "time_budget": budget,
+                    "psnr": result.psnr,
+                    "bpp": result.bpp,
+                    "gaussians": result.gaussians,
+                    "seconds_per_frame": result.seconds / result.frames,
+                }
+            )
+    return rows
+
+
+def describe(device: str) -> Row:
+    """What was measured, with what."""
+    import triton
+
+    properties = torch.cuda.get_device_properties(device)
+    return {
+        "device": properties.name,
+        "memory_bytes": properties.total_memory,
+        "multiprocessors": properties.multi_processor_count,
+        "torch": torch.__version__,
+        "cuda": torch.version.cuda,
+        "triton": triton.__version__,
+        "machine": machine(),
+    }
+
+
+def show(title: str, rows: list[Row]) -> None:
+    """Print rows as a table."""
+    print(f"\n{title}\n" + "".join(f"{name:>21}" for name in rows[0]))
+    for row in rows:
+        cells = (
+            f"{value:.5g}" if isinstance(value, float) else str(value) for value in row.values()
+        )
+        print("".join(f"{cell:>21}" for cell in cells), flush=True)
+
+
+PARTS = ("correctness", "render", "training", "encode")
+
+
+@click.command()
+@click.argument("parts", nargs=-1, type=click.Choice(PARTS))
+@click.option("--device", default="cuda", show_default=True)
+@click.option("--json", "output", type=click.Path(path_type=Path), help="Write all of it here.")
+def main(parts: tuple[str, ...], device: str, output: Path | None) -> None:
+    """Measure PARTS, or all of them."""
+    try:
+        place = choose_device(device)
+    except GsvrError as error:
+        sys.exit(f"nothing was measured: {error}")
+    if place == "cpu":
+        sys.exit("nothing was measured: this benchmark is of a GPU")
+    document: Row = describe(place) | {"peaks": peaks(place)}
+    print(json.dumps(document, indent=1))
+    measures: dict[str, Callable[[], list[Row]]] = {
+        "correctness": lambda: correctness(place),
+        "render": lambda: rendering(place, document["peaks"]),
+        "training": lambda: training(place),
+        "encode": lambda: encoding(place),
+    }
+    for part in parts or PARTS:
+        document[part] = measures[part]()
+        show(part, document[part])
+        if output is not None:
+            output.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

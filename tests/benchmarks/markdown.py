@@ -1,0 +1,25 @@
+"""Pieces of a page in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield the lines of a table."""
+    yield "| " + " | ".join(heads) + " |"
+    yield "|---" * len(heads) + "|"
+    for row in rows:
+        yield "| " + " | ".join(row) + " |"
+    yield ""
+
+
+def number(value: float | None, digits: int) -> str:
+    """Return a figure, or a dash for one that there is not."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def settings_text(row: dict[str, Any]) -> str:
+    """Return what tells a row from the others."""
+    return ", ".join(f"{key} {value}" for key, value in row["settings"].items())

@@ -1,0 +1,161 @@
+"""The benchmarks' own sums: what diverged, memory, frames between, and the page of results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+import pytest
+
+import gsvrcodec
+from gsvrcodec.metrics import psnr
+from gsvrcodec.report.compare import report
+from gsvrcodec.video import open_video
+from tests import making
+from tests.benchmarks.clips import diverged, summary
+from tests.benchmarks.encodes import MemoryWatch, Row, measure
+from tests.benchmarks.interpolation import interpolate
+from tests.benchmarks.page import PAGE, RESULTS, page
+from tests.benchmarks.results_read import load
+
+ROW = Row(
+    table="seeds",
+    clip="a.mp4",
+    size=(64, 48),
+    frames=4,
+    settings={"seed": 0},
+    psnr=30.0,
+    psnr_min=29.0,
+    float_psnr=30.1,
+    ssim=0.9,
+    ms_ssim=None,
+    bpp=0.1,
+    gops=2,
+    gaussians=10,
+    bits_per_gaussian={"position": 10.0},
+    seconds_per_frame=0.1,
+    memory=None,
+    psnr_gops=(30.0, 31.0),
+)
+
+
+TIMED = {"seconds_per_frame": 1.0, "psnr": 35.0, "psnr_min": 34.0, "float_psnr": 35.1, "bpp": 0.1}
+
+
+class TestDiverged:
+    def test_none(self) -> None:
+        assert list(diverged([ROW, replace(ROW, psnr_gops=(27.5, 33.0))])) == []
+
+    def test_no_number(self) -> None:
+        (line,) = diverged([ROW, replace(ROW, settings={"seed": 3}, psnr=float("nan"))])
+        assert "'seed': 3" in line
+        assert "not a number" in line
+
+    def test_one_gop_far_below_the_other_seeds(self) -> None:
+        fallen = replace(ROW, settings={"seed": 2}, psnr_gops=(30.0, 27.9))
+        (line,) = diverged([ROW, ROW, fallen])
+        assert line == "a.mp4, {'seed': 2}: GOP 1 27.90 dB, 31.00 usual"
+
+    def test_clips_are_not_mixed(self) -> None:
+        assert list(diverged([ROW, ROW, replace(ROW, clip="b.mp4", psnr_gops=(9.0, 9.0))])) == []
+
+    def test_adaptive_gops_are_set_against_the_best_length(self) -> None:
+        values = {15: 30.0, 30: 31.0, "adaptive": 31.5}
+        rows = [
+            replace(ROW, table="gop", settings={"gop": gop}, psnr=value)
+            for gop, value in values.items()
+        ]
+        (line,) = summary(rows)
+        assert line.endswith("best fixed length 30: 31.00 dB (+0.50)")
+
+
+class TestEncodes:
+    def test_memory(self) -> None:
+        with MemoryWatch() as before:
+            pass
+        with MemoryWatch() as after:
+            held = np.ones(300_000_000, np.uint8)
+        if before.peak is None or after.peak is None:
+            pytest.skip("this system does not tell")
+        assert after.peak - before.peak > 0.8 * held.nbytes
+
+    def test_figures_are_those_of_the_file(self, tmp_path: Path) -> None:
+        file = tmp_path / "a.gsvr"
+        settings = {"preset": "fastest", "gaussians": 60}
+        row = measure("x", making.NOISE, file, settings, {"frames": 4, "audio": False})
+        found = report(making.NOISE, file)
+        assert (row.psnr, row.psnr_min) == (found.psnr_rgb, found.psnr_rgb_min)
+        assert (row.frames, row.size, row.settings) == (4, (160, 120), settings)
+        total = sum(value for value in row.bits_per_gaussian.values() if value is not None)
+        assert total * row.gaussians / 8 == pytest.approx(file.stat().st_size)
+        assert len(row.psnr_gops) == row.gops
+
+
+class TestInterpolation:
+    def test_frames_seen_and_between(self, tmp_path: Path) -> None:
+        settings = {"preset": "fastest", "gaussians": 60}
+        found = interpolate(making.NOISE, (160, 120, 0, 0), 6, settings, tmp_path)
+        seen = report(tmp_path / "every-second.mkv", tmp_path / "every-second.gsvr")
+        assert found.train == pytest.approx(seen.psnr_rgb)
+        assert len(found.train_frames) == 3
+        assert len(found.test_frames) == 2
+        with (
+            open_video(making.NOISE, frames=6) as video,
+            gsvrcodec.open(tmp_path / "every-second.gsvr") as decoder,
+        ):
+            shots = [shot.rgb for shot in video]
+            first, second = decoder.render(0.04), decoder.render(0.12)
+        expected = [
+            psnr(shots[number], picture.astype(np.uint8))
+            for number, picture in ((1, first), (3, second))
+        ]
+        assert found.test_frames == pytest.approx(expected)
+        assert found.test == pytest.approx(fmean(expected))
+
+
+class TestPage:
+    def test_it_is_what_the_results_say(self) -> None:
+        """If this fails: python -m tests.benchmarks.page."""
+        assert (PAGE / "README.md").read_text() == page(load(RESULTS))
+
+    def test_rates_are_interpolated(self) -> None:
+        points = [(0.02, 33.0), (0.04, 36.0), (0.2, 41.0)]
+        encodes = [
+            {
+                "bpp": 2 * bpp,
+                "quality": {"psnr_rgb": db},
+                "encode_fps": 10.0 * number,
+                "decode_fps": 100.0,
+            }
+            for number, (bpp, db) in enumerate(points, 1)
+        ]
+        row = {"table": "rate", "settings": {"bpp": 0}, "bits_per_gaussian": {"position": 1.0}}
+        results = {
+            "bunny-time": {
+                "machine": "none",
+                "rows": [{**row, "table": "time", "settings": {"time_budget": 1.0}, **TIMED}],
+            },
+            "bunny-zzz": {
+                "machine": "none",
+                "rows": [row | {"bpp": bpp, "psnr": db} for bpp, db in points],
+            },
+            "bunny-references": {
+                "machine": "none",
+                "libraries": "none",
+                "curves": [
+                    {
+                        "label": "twice",
+                        "version": "9",
+                        "reference": {"codec": "x"},
+                        "points": encodes,
+                    }
+                ],
+            },
+        }
+        lines = page(results).splitlines()
+        (bd_rate,) = (line for line in lines if line.startswith("| twice | -50 %"))
+        assert "33.0 to 41.0 dB" in bd_rate
+        (rates,) = (line for line in lines if line.startswith("| twice | 0.0400 "))
+        assert rates.endswith("| 20 | 100 |")
