@@ -23,12 +23,14 @@ class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
     `raw` holds a leaf tensor for each trained attribute: those of `Gop`, but alpha is a logit.
-    What `deform` switches off is not in it.
+    What `deform` switches off is not in it. They lie on `device`, "cpu" or "cuda:N".
     """
 
-    def __init__(self, start: Gop, deform: Deform) -> None:
+    def __init__(self, start: Gop, deform: Deform, device: str = "cpu") -> None:
+        self.device = device
         tensors = {
-            name: torch.from_numpy(getattr(start, name).astype(np.float32)) for name in NAMES
+            name: torch.from_numpy(getattr(start, name).astype(np.float32)).to(device)
+            for name in NAMES
         }
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
@@ -38,7 +40,7 @@ class Field:
         elif deform == "polynomial":
             self._fixed = {
                 "alpha": torch.ones_like(tensors["alpha"]),
-                **{name: torch.zeros(0, 0, 8) for name in ("xy", "xt", "yt")},
+                **{name: torch.zeros(0, 0, 8, device=device) for name in ("xy", "xt", "yt")},
             }
         self.raw = {
             name: tensor.requires_grad_()
@@ -56,12 +58,21 @@ class Field:
             out["alpha"] = torch.sigmoid(out["alpha"])
         return {name: out[name] for name in NAMES}
 
+    def uploaded(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8] | Tensor:
+        """Frames where they are compared with this field: a tensor if it is on a GPU."""
+        if self.device == "cpu":
+            return frames
+        from gsvrcodec.render.triton import memory_checked
+
+        with memory_checked(f"hold {len(frames)} frames"):
+            return torch.from_numpy(frames).to(self.device)
+
     def gop(self) -> Gop:
         """The present state, as arrays of its own, well within the bounds of the spec."""
         tensors = self.tensors()
         return Gop(
             **{
-                a.name: np.clip(tensors[a.name].detach().numpy(), 0.99 * a.low, 0.99 * a.high)
+                a.name: np.clip(tensors[a.name].numpy(force=True), 0.99 * a.low, 0.99 * a.high)
                 for a in ATTRIBUTES
             }
         )
@@ -72,12 +83,23 @@ class _SquaredError(torch.autograd.Function):
     def forward(
         ctx: Any,
         tau: float,
-        target: NDArray[np.uint8],
+        target: NDArray[np.uint8] | Tensor,
         coded_size: tuple[int, int],
         threads: int,
         *tensors: Tensor,
     ) -> Tensor:
         inputs = [t.detach() for t in tensors]
+        if isinstance(target, Tensor):
+            from gsvrcodec.render import triton
+
+            loss, named = triton.squared_error(
+                dict(zip(NAMES, inputs, strict=True)),
+                torch.full((1,), tau, device=target.device),
+                target[None],
+                coded_size,
+            )
+            ctx.gradients = [named[name] for name in NAMES]
+            return loss
         gradients = [torch.empty_like(t) for t in inputs]
         error = _core.squared_error(
             _core.Parameters(*inputs),
@@ -101,16 +123,55 @@ class _SquaredError(torch.autograd.Function):
 def squared_error(
     tensors: dict[str, Tensor],
     tau: float,
-    target: NDArray[np.uint8],
+    target: NDArray[np.uint8] | Tensor,
     coded_size: tuple[int, int],
     threads: int = 0,
 ) -> Tensor:
     """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), in [0, 1].
 
-    Render, loss and gradient in one native call; the gradient passes through the clamp. The frame
-    is rendered at the target's size.
+    Render, loss and gradient in one call of the native core, or of the kernels for GPUs if the
+    target is a tensor there; the gradient passes through the clamp. The frame is rendered at the
+    target's size.
     """
     result: Tensor = _SquaredError.apply(  # type: ignore[no-untyped-call]
         tau, target, coded_size, threads, *tensors.values()
     )
     return result
+
+
+def adam_step(
+    leaf: Tensor,
+    mean: Tensor,
+    square: Tensor,
+    rates: Tensor,
+    factor: float,
+    betas: tuple[float, float],
+    epsilon: float,
+    step: int,
+    threads: int = 0,
+) -> None:
+    """One step of Adam in place, where the tensors are.
+
+    Args:
+        leaf: what is optimised, with its gradient.
+        mean: first moment.
+        square: second moment.
+        rates: learning rate of each component of the last axis.
+        factor: of all rates.
+        betas: decay of the two moments.
+        epsilon: added to the root of the second moment.
+        step: number of this step, from 1.
+        threads: native threads.
+    """
+    value, gradient = leaf.detach(), leaf.grad
+    if leaf.is_cuda:
+        from gsvrcodec.render import triton
+
+        assert gradient is not None
+        triton.adam_step(
+            value, gradient.contiguous(), mean, square, rates, factor, betas, epsilon, step
+        )
+    else:
+        _core.adam_step(
+            value, gradient, mean, square, rates * factor, *betas, epsilon, step, threads
+        )

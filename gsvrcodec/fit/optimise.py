@@ -13,10 +13,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.field import Field, adam_step, squared_error
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.native import _core
 
 Frames = NDArray[np.uint8]
 Tensors = dict[str, Tensor]
@@ -103,19 +102,19 @@ class _Adam:
             rates = np.full(components, recipe.rates[name], np.float32)
             if recipe.in_pixels and name in _LENGTHS:
                 rates[:2] /= np.array(size, np.float32) / 2
-            self._rates[name] = rates
+            self._rates[name] = torch.from_numpy(rates).to(tensor.device)
 
     def step(self, factor: float) -> None:
         """Follow the gradients, at `factor` of the rates, and forget them."""
         self._steps += 1
         for name, tensor in self._raw.items():
-            _core.adam_step(
-                tensor.detach(),
-                tensor.grad,
+            adam_step(
+                tensor,
                 self._mean[name],
                 self._square[name],
-                self._rates[name] * np.float32(factor),
-                *self._betas,
+                self._rates[name],
+                factor,
+                self._betas,
                 self._EPSILON,
                 self._steps,
                 self._threads,
@@ -188,6 +187,7 @@ def optimise(
     height, width = frames.shape[1:3]
     large = min(height, width) >= recipe.coarse_min_side
     coarse = _half(frames) if recipe.coarse and large else frames
+    targets = field.uploaded(coarse)
     reorder(field, (width, height))
     adam = _Adam(field.raw, recipe, (width, height), threads)
     order: Iterator[int] = iter(())
@@ -203,12 +203,13 @@ def optimise(
             index = next(order)
         if coarse is not frames and spent >= recipe.coarse:
             coarse = frames
+            targets = field.uploaded(frames)
             adam.rearrange(reorder(field, (width, height)))
-        target = coarse[index]
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
-        loss = squared_error(tensors, float(taus[index]), target, (width, height), threads)
+        target, tau = targets[index], float(taus[index])
+        loss = squared_error(tensors, tau, target, (width, height), threads)
         loss.backward()  # type: ignore[no-untyped-call]
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
         adam.step(recipe.decay(spent) * patience)

@@ -54,7 +54,9 @@ def relocate(
     count = int(_SHARE * len(gop))
     weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
     shown = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(np.intp))
-    pictures = render_frames(gop, taus[shown], size, coded_size, threads=threads)
+    pictures = render_frames(
+        gop, taus[shown], size, coded_size, threads=threads, device=field.device
+    )
     errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
@@ -75,7 +77,7 @@ def relocate(
     with torch.no_grad():
         for tensor in raw.values():
             tensor.copy_(tensor[source])
-        raw["position"][weakest] = torch.from_numpy(position)
+        raw["position"][weakest] = torch.from_numpy(position).to(field.device)
         raw["colour"][weakest] = 0.0
         low, high = _SIGMA_RANGE
         raw["log_scale"][weakest] = raw["log_scale"][weakest].clamp(math.log(low), math.log(high))
@@ -87,7 +89,8 @@ def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
     """Put the Gaussians of `field` in rendering order, in place; returns where each was before."""
     raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
     with torch.no_grad():
-        order = drawing_order(raw["position"].numpy(), raw["log_scale"].numpy(), coded_size)
+        position, log_scale = (raw[k].numpy(force=True) for k in ("position", "log_scale"))
+        order = drawing_order(position, log_scale, coded_size)
         for tensor in raw.values():
             tensor.copy_(tensor[order])
     return order

@@ -71,12 +71,7 @@ def deform(
             * _bilinear(parameters["yt"], y, time)
         )
     offset = (1 - parameters["alpha"])[:, None] * offset
-    mu = (
-        position
-        + parameters["linear"] * tau
-        + parameters["quadratic"] * tau**2
-        + offset[:, 0:2]
-    )
+    mu = position + parameters["linear"] * tau + parameters["quadratic"] * tau**2 + offset[:, 0:2]
     theta = parameters["rotation"] + offset[:, 4]
     cos, sin = theta.cos(), theta.sin()
     rotation = torch.stack([torch.stack([cos, -sin], 1), torch.stack([sin, cos], 1)], 1)

@@ -1,0 +1,191 @@
+"""The backend for GPUs: Triton kernels over torch tensors, many frames of a GOP in one launch.
+
+Needs CUDA (or ROCm, which is not tested), or TRITON_INTERPRET=1 to run on the CPU, slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+import triton
+from torch import Tensor
+
+from gsvrcodec.errors import DeviceError
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.render.triton.adam import NUMBERS, adam_update
+from gsvrcodec.render.triton.launch import Parameters, Pass, Size, on_device, scratch_bytes
+
+#: Scratch memory that frames rendered together may take.
+_PASS_BYTES = 2**30
+#: Tiles to a side of a frame, by which Gaussians are ordered.
+_TILES = 40
+_GRIDS = ("xy", "xt", "yt")
+
+
+@contextmanager
+def memory_checked(what: str) -> Iterator[None]:
+    """Say what to change when the device's memory does not suffice for `what`."""
+    try:
+        yield
+    except torch.OutOfMemoryError as error:
+        raise DeviceError(
+            f"the memory of the GPU does not suffice to {what}; free some of it, use smaller "
+            "pictures, fewer Gaussians or a smaller --gop-max, or choose --device cpu"
+        ) from error
+
+
+def upload(gop: Gop, device: torch.device) -> dict[str, Tensor]:
+    """Copy a GOP to a device, its Gaussians in the order they are rendered fastest in.
+
+    Any order gives the same pictures, but for rounding.
+    """
+    with memory_checked("hold a GOP"):
+        tensors = {
+            name: torch.from_numpy(np.ascontiguousarray(getattr(gop, name))).to(device)
+            for name in Gop.__slots__
+        }
+        cell = ((tensors["position"] + 1) * (0.5 * _TILES)).nan_to_num().long().clamp(0, _TILES - 1)
+        order = torch.argsort(cell[:, 1] * _TILES + cell[:, 0], stable=True)
+        return {
+            name: tensor if name in _GRIDS else tensor[order] for name, tensor in tensors.items()
+        }
+
+
+def render(
+    parameters: Parameters,
+    taus: Tensor,
+    size: Size,
+    coded_size: Size,
+    *,
+    bit_depth: int,
+    out: Tensor,
+) -> None:
+    """Render frames of a GOP that is on a device; nothing waits for it.
+
+    Args:
+        parameters: of the GOP; see `upload`.
+        taus: (F,) float32 on that device, normalised times in [-1, 1].
+        size: width and height to render at, pixels.
+        coded_size: width and height of the coded frame, pixels.
+        bit_depth: bits of a sample, 8 to 16.
+        out: (F, height, width, 3) on that device, contiguous, uint8 for 8 bits and uint16 for
+            more: filled.
+
+    Raises:
+        DeviceError: the memory of the device does not suffice.
+    """
+    with memory_checked(f"render at {size[0]}x{size[1]}"):
+        together = max(1, _PASS_BYTES // scratch_bytes(size, len(parameters["position"])))
+        for first in range(0, len(taus), together):
+            part = slice(first, first + together)
+            Pass(parameters, taus[part], size, coded_size).codes(out[part], 2.0**bit_depth - 1)
+
+
+def render_codes(
+    gop: Gop,
+    taus: Float32Array,
+    size: Size,
+    coded_size: Size,
+    *,
+    device: str,
+    bit_depth: int = 8,
+    out: Any = None,
+) -> Any:
+    """Render frames of one GOP on a device; see `gsvrcodec.render.render_frames`.
+
+    Returns `out`, an array or a tensor on that device; or a new array.
+    """
+    place = torch.device(device)
+    shape = (len(taus), size[1], size[0], 3)
+    on_device = isinstance(out, Tensor)
+    frames = out if on_device else empty_codes(shape, bit_depth, device)
+    if out is not None and tuple(out.shape) != shape:
+        raise ValueError(f"out must be of shape {shape}, not {tuple(out.shape)}")
+    times = torch.from_numpy(np.ascontiguousarray(taus, np.float32)).to(place)
+    render(upload(gop, place), times, size, coded_size, bit_depth=bit_depth, out=frames)
+    if on_device:
+        return out
+    if out is None:
+        return frames.numpy(force=True)
+    np.copyto(out, frames.numpy(force=True), casting="no")
+    return out
+
+
+def empty_codes(shape: tuple[int, ...], bit_depth: int, device: str) -> Tensor:
+    """Room for samples: uint8 for 8 bits, uint16 for more."""
+    dtype = torch.uint8 if bit_depth == 8 else torch.uint16
+    with memory_checked("hold pictures"):
+        return torch.empty(shape, dtype=dtype, device=device)
+
+
+def squared_error(
+    parameters: Parameters, taus: Tensor, targets: Tensor, coded_size: Size
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Mean squared error of clamped frames in [0, 1], and its gradients.
+
+    Nothing waits for the device. The gradient passes through the clamp.
+
+    Args:
+        parameters: of the GOP.
+        taus: (F,) float32 on the same device.
+        targets: (F, H, W, 3) uint8 on the same device; the frames are rendered at this size.
+        coded_size: width and height that scales are relative to.
+
+    Returns:
+        A scalar on the device, and the gradient of each parameter.
+
+    Raises:
+        DeviceError: the memory of the device does not suffice.
+    """
+    size = targets.shape[2], targets.shape[1]
+    with memory_checked(f"fit {len(parameters['position'])} Gaussians to {size[0]}x{size[1]}"):
+        run = Pass(parameters, taus, size, coded_size)
+        return run.residual(targets), run.gradients()
+
+
+def adam_step(
+    value: Tensor,
+    gradient: Tensor,
+    mean: Tensor,
+    square: Tensor,
+    rates: Tensor,
+    factor: float,
+    betas: tuple[float, float],
+    epsilon: float,
+    step: int,
+) -> None:
+    """One step of Adam in place.
+
+    Args:
+        value: what is optimised.
+        gradient: its gradient.
+        mean: first moment.
+        square: second moment.
+        rates: (components of the last axis,) learning rates, on the same device.
+        factor: of all rates.
+        betas: decay of the two moments.
+        epsilon: added to the root of the second moment.
+        step: number of this step, from 1.
+    """
+    if not value.numel():
+        return
+    beta1, beta2 = betas
+    with on_device(value.device):
+        adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
+            value,
+            gradient,
+            mean,
+            square,
+            rates,
+            value.numel(),
+            len(rates),
+            factor / (1 - beta1**step),
+            beta1,
+            beta2,
+            1 / (1 - beta2**step),
+            epsilon,
+        )

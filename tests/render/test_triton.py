@@ -1,0 +1,267 @@
+"""The Triton kernels against the reference, in value and gradient; without a GPU, interpreted."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+if not torch.cuda.is_available():
+    os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
+pytest.importorskip("triton", reason="Triton is not installed; pip install 'gsvrcodec[gpu]'")
+
+from gsvrcodec.errors import DeviceError
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.optimise import MAIN, Effort, optimise
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.pack import GopContent
+from gsvrcodec.native import _core
+from gsvrcodec.pictures import PictureMaker
+from gsvrcodec.render import triton as gpu
+from gsvrcodec.render.triton import launch
+from gsvrcodec.render.triton.launch import Pass
+from tests.render import scenes
+from tests.render.scenes import TAU, Gradients, Scene
+
+#: Not "cpu", which would be the native backend.
+PLACE = "cuda:0" if torch.cuda.is_available() else "cpu:0"
+DEVICE = torch.device(PLACE)
+SIZE = (48, 32)
+TAUS = np.array([TAU], np.float32)
+
+
+def _large(n: int, log_sigma: float) -> Gop:
+    """Gaussians of all levels of the pyramid."""
+    gop = scenes.random_gop(n, grid=(3, 2, 4), seed=9)
+    gop.log_scale[:] += log_sigma
+    return gop
+
+
+SCENES = {
+    "all levels": Scene(_large(24, 2.2), SIZE, SIZE),
+    "no tri-plane": Scene(scenes.random_gop(12, grid=(0, 0, 0)), (33, 17), (33, 17)),
+    "one cell": Scene(scenes.random_gop(9, grid=(1, 1, 1)), (17, 33), (17, 33)),
+    "smaller": Scene(_large(16, 1.5), (31, 14), SIZE),
+    "larger": Scene(_large(8, 0.5), (35, 30), (14, 12)),
+    "1x1": Scene(_large(5, 1.0), (1, 1), (1, 1)),
+    "none": Scene(scenes.random_gop(0), (5, 3), (5, 3)),
+}
+
+
+def _pass(scene: Scene, taus: Float32Array = TAUS) -> Pass:
+    parameters = {
+        name: torch.from_numpy(getattr(scene.gop, name)).to(DEVICE) for name in Gop.__slots__
+    }
+    return Pass(parameters, torch.from_numpy(taus).to(DEVICE), scene.size, scene.coded_size)
+
+
+def _floats(scene: Scene, taus: Float32Array = TAUS) -> Float32Array:
+    """Frames (F, H, W, 3) before the clamp."""
+    return _pass(scene, taus).floats().numpy(force=True)
+
+
+def _gradients(scene: Scene, weights: Float32Array, taus: Float32Array = TAUS) -> Gradients:
+    """Gradients of sum(frames * weights)."""
+    run = _pass(scene, taus)
+    run.set_gradient(torch.from_numpy(weights).to(DEVICE))
+    return {name: value.numpy(force=True) for name, value in run.gradients().items()}
+
+
+def _weights(scene: Scene, frames: int = 1) -> Float32Array:
+    width, height = scene.size
+    return np.random.default_rng(1).normal(size=(frames, height, width, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_value_and_gradients(name: str) -> None:
+    scene = SCENES[name]
+    weights = _weights(scene)
+    expected, gradients = scenes.reference_render(scene, weights[0])
+    actual = _floats(scene)[0]
+    assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
+    scenes.assert_gradients_close(_gradients(scene, weights), gradients)
+
+
+def test_frames_together() -> None:
+    """A batch is its frames one by one, and its gradient the sum of theirs."""
+    scene, taus = Scene(_large(5, 1.0), (17, 9), (17, 9)), np.array([-1, 0.2], np.float32)
+    batch = _floats(scene, taus)
+    weights = _weights(scene, len(taus))
+    total = {name: np.zeros_like(getattr(scene.gop, name)) for name in Gop.__slots__}
+    for k in range(len(taus)):
+        np.testing.assert_array_equal(_floats(scene, taus[k : k + 1])[0], batch[k])
+        part = _gradients(scene, weights[k : k + 1], taus[k : k + 1])
+        for name, gradient in part.items():
+            total[name] += gradient
+    scenes.assert_gradients_close(_gradients(scene, weights, taus), total)
+
+
+@pytest.mark.parametrize("bit_depth", [8, 10])
+def test_codes(bit_depth: int) -> None:
+    gop = _large(40, 1.5)
+    gop.colour[:] = np.abs(gop.colour) * 0.5
+    taus = np.array([-0.7, 0.4], np.float32)
+    actual = gpu.render_codes(gop, taus, SIZE, SIZE, device=PLACE, bit_depth=bit_depth)
+    assert actual.dtype == (np.uint8 if bit_depth == 8 else np.uint16)
+    white = 2**bit_depth - 1
+    frames = [scenes.reference_render(Scene(gop, SIZE, SIZE), tau=float(t))[0] for t in taus]
+    expected = np.floor(np.clip(frames, 0, 1) * white + 0.5)
+    difference = np.abs(actual.astype(int) - expected)
+    assert difference.max() <= 1
+    assert (difference > 0).mean() <= 1e-3
+    tensor = gpu.empty_codes(actual.shape, bit_depth, PLACE)
+    again = gpu.render_codes(gop, taus, SIZE, SIZE, device=PLACE, bit_depth=bit_depth, out=tensor)
+    assert again is tensor
+    np.testing.assert_array_equal(tensor.numpy(force=True), actual)
+
+
+def test_squared_error() -> None:
+    scene = SCENES["smaller"]
+    width, height = scene.size
+    target = np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
+    frame, _ = scenes.reference_render(scene)
+    residual = frame.clip(0, 1) - target / 255.0
+    _, expected = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
+    loss, gradients = gpu.squared_error(
+        gpu.upload(scene.gop, DEVICE),
+        torch.from_numpy(TAUS).to(DEVICE),
+        torch.from_numpy(target[None]).to(DEVICE),
+        scene.coded_size,
+    )
+    assert float(loss) == pytest.approx(float((residual**2).mean()), rel=1e-4)
+    # `upload` puts Gaussians into an order of its own.
+    for name in ("xy", "xt", "yt"):
+        scenes.assert_gradients_close(
+            {name: gradients[name].numpy(force=True)}, {name: expected[name]}
+        )
+    assert float(gradients["colour"].sum()) == pytest.approx(expected["colour"].sum(), rel=1e-3)
+
+
+def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More blocks in a tile, and more candidates, than a program looks at together."""
+    monkeypatch.setattr(launch, "CHUNK", 4)
+    scene = Scene(scenes.random_gop(64 * 4 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
+    scene.gop.log_scale[:] = -2.0
+    weights = _weights(scene)
+    expected, gradients = scenes.reference_render(scene, weights[0])
+    run = _pass(scene)
+    assert np.abs(run.floats().numpy(force=True) - expected).max() <= 1e-4 * expected.max()
+    run.set_gradient(torch.from_numpy(weights).to(DEVICE))
+    actual = {name: value.numpy(force=True) for name, value in run.gradients().items()}
+    scenes.assert_gradients_close(actual, gradients)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy, in the interpreter
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_not_finite_is_not_drawn(value: float) -> None:
+    """One broken Gaussian for each attribute, and what is left without them."""
+    gop = scenes.random_gop(24)
+    broken = ("position", "log_scale", "rotation", "colour", "alpha", "linear", "quadratic")
+    for index, name in enumerate(broken):
+        getattr(gop, name)[3 * index] = value
+    kept = np.setdiff1d(np.arange(24), 3 * np.arange(len(broken)))
+    rest = replace(gop, **{name: getattr(gop, name)[kept] for name in broken})
+    scene = Scene(gop, (20, 15), (20, 15))
+    expected = scenes.reference_render(replace(scene, gop=rest))[0]
+    np.testing.assert_allclose(_floats(scene)[0], expected, atol=1e-5)
+    gradients = _gradients(scene, _weights(scene))
+    for name, gradient in gradients.items():
+        assert np.isfinite(gradient).all(), name
+    assert not gradients["colour"][: 3 * len(broken) : 3].any()
+
+
+def test_adam() -> None:
+    r = np.random.default_rng(0)
+    shape = (700, 3)
+    rates = r.uniform(0.001, 0.1, 3).astype(np.float32)
+    expected = r.normal(size=shape).astype(np.float32)
+    moments = np.zeros_like(expected), np.zeros_like(expected)
+    value = torch.from_numpy(expected.copy()).to(DEVICE)
+    mean, square = torch.zeros_like(value), torch.zeros_like(value)
+    for step in range(1, 4):
+        gradient = r.normal(size=shape).astype(np.float32)
+        _core.adam_step(
+            expected, gradient, *moments, rates * np.float32(0.5), 0.9, 0.98, 1e-15, step, 1
+        )
+        gpu.adam_step(
+            value,
+            torch.from_numpy(gradient).to(DEVICE),
+            mean,
+            square,
+            torch.from_numpy(rates).to(DEVICE),
+            0.5,
+            (0.9, 0.98),
+            1e-15,
+            step,
+        )
+    np.testing.assert_allclose(value.numpy(force=True), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_pictures_are_tensors() -> None:
+    """What the decoder makes on a GPU, also where one GOP fades into the next."""
+    first, second = (
+        GopContent(scenes.random_gop(3, grid=(0, 0, 0), seed=start), start, pts, pts - pts + 1)
+        for start, pts in ((0, np.array([0, 1])), (2, np.array([4, 5])))
+    )
+    options: dict[str, Any] = {
+        "coded_size": (9, 7),
+        "size": (9, 7),
+        "layers": "all",
+        "bit_depth": 8,
+        "threads": 1,
+    }
+    arrays = PictureMaker(**options)
+    tensors = PictureMaker(**options, device=PLACE, tensors=True)
+    for maker in arrays, tensors:
+        assert maker.empty(2, (9, 7)).shape == (2, 7, 9, 3)
+    made = []
+    for maker in arrays, tensors:
+        pictures = maker.empty(3, (9, 7))
+        maker.frames(first, np.array([1, 0]), (9, 7), pictures[:2])
+        maker.fade(first, second, [Fraction(2)], (9, 7), pictures[2:])
+        made.append(pictures)
+    assert isinstance(made[1], torch.Tensor)
+    np.testing.assert_allclose(made[1].numpy(force=True).astype(int), made[0], atol=1)
+
+
+def test_fit() -> None:
+    """A fit is the same on both backends, but for rounding."""
+    pictures = np.random.default_rng(3).integers(0, 256, (2, 6, 8, 3), np.uint8)
+    fitted = []
+    for device in "cpu", PLACE:
+        field = Field(_large(6, 0.0), "hybrid", device)
+        recipe = replace(MAIN, relocations=(0.5,))
+        rng = np.random.default_rng(0)
+        optimise(field, pictures, np.array([-1, 1], np.float32), recipe, Effort(4), rng, threads=1)
+        fitted.append(field.gop())
+    for name in Gop.__slots__:
+        actual, expected = (getattr(gop, name) for gop in reversed(fitted))
+        np.testing.assert_allclose(actual, expected, rtol=2e-3, atol=2e-3, err_msg=name)
+
+
+def test_memory_that_does_not_suffice() -> None:
+    with (
+        pytest.raises(DeviceError, match=r"does not suffice to dance; .* or choose --device cpu"),
+        gpu.memory_checked("dance"),
+    ):
+        raise torch.OutOfMemoryError
+
+
+def test_kernels_compile_for_gpus() -> None:
+    """The interpreter takes more than the compiler does; which needs no GPU."""
+    environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
+    result = subprocess.run(
+        [sys.executable, "-m", "tests.render.compile_kernels"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
