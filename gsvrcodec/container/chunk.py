@@ -5,8 +5,12 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass
+from mmap import mmap
 
 from gsvrcodec.errors import CorruptError, NotGsvrError
+
+#: Bytes in memory, or a mapped file where they are many.
+Payload = bytes | mmap
 
 #: High bit, name, CRLF, DOS end of file, LF: each kind of careless transfer breaks one of them.
 SIGNATURE = b"\x89GSV\r\n\x1a\n"
@@ -73,9 +77,14 @@ def chunk_head(kind: bytes, size: int) -> bytes:
     return fields + _CRC.pack(zlib.crc32(fields))
 
 
+def chunk_parts(kind: bytes, payload: Payload) -> tuple[bytes, Payload, bytes]:
+    """Head, payload and tail of a chunk, the payload not copied."""
+    return chunk_head(kind, len(payload)), payload, _CRC.pack(zlib.crc32(payload))
+
+
 def chunk_bytes(kind: bytes, payload: bytes) -> bytes:
     """A whole chunk."""
-    return chunk_head(kind, len(payload)) + payload + _CRC.pack(zlib.crc32(payload))
+    return b"".join(chunk_parts(kind, payload))
 
 
 def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:

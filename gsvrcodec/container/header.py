@@ -21,6 +21,9 @@ _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
 HEADER_BYTES = _LAYOUT.size
 
+#: The bit of the rotation that says that the picture is mirrored first.
+_MIRRORED = 0x8000
+
 
 @dataclass(frozen=True, slots=True)
 class ColourInfo:
@@ -42,11 +45,14 @@ class Header:
     time_base: Fraction  #: seconds in one tick of every timestamp and duration
     sample_aspect: Fraction = Fraction(1)  #: width / height of a pixel
     rotation: int = 0  #: clockwise degrees a player turns the picture by; 0, 90, 180 or 270
+    mirrored: bool = False  #: whether a player mirrors the picture left to right before it turns it
     bit_depth: int = 8  #: bits of a sample of the source
     colour: ColourInfo = field(default_factory=ColourInfo)
     version_major: int = VERSION_MAJOR
     version_minor: int = VERSION_MINOR
-    flags_required: int = PYRAMID_FLAG  #: a reader refuses a file with a bit set that it does not know
+    flags_required: int = (
+        PYRAMID_FLAG  #: a reader refuses a file with a bit set that it does not know
+    )
     flags_optional: int = 0  #: bits that a reader may ignore
     max_gaussians: int = 0  #: largest N of a GOP
     max_gop_frames: int = 0  #: most frames in a GOP
@@ -79,7 +85,7 @@ class Header:
                 self.height,
                 self.sample_aspect.numerator,
                 self.sample_aspect.denominator,
-                self.rotation,
+                self.rotation | _MIRRORED * self.mirrored,
                 self.bit_depth,
                 colour.primaries,
                 colour.transfer,
@@ -181,7 +187,8 @@ def _unpack(payload: bytes) -> Header:
         width=width,
         height=height,
         sample_aspect=Fraction(aspect_num, aspect_den),
-        rotation=rotation,
+        rotation=rotation & ~_MIRRORED,
+        mirrored=bool(rotation & _MIRRORED),
         bit_depth=bit_depth,
         colour=ColourInfo(primaries, transfer, matrix, bool(full_range), chroma_location),
         time_base=Fraction(base_num, base_den),

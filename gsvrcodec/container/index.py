@@ -27,6 +27,11 @@ END_BYTES = _END.size
 END_CHUNK_BYTES = OVERHEAD_BYTES + END_BYTES
 
 
+def index_bytes(chunks: int) -> int:
+    """Bytes of the whole index chunk for so many chunks."""
+    return OVERHEAD_BYTES + _COUNT.size + chunks * ENTRY_BYTES
+
+
 def index_payload(chunks: Sequence[ChunkEntry], gops: Sequence[GopEntry]) -> bytes:
     """The payload of the index chunk.
 

@@ -18,6 +18,7 @@ from gsvrcodec.container.chunk import (
     OVERHEAD_BYTES,
     SETTINGS_TYPE,
     SIGNATURE,
+    STREAMS_TYPE,
     ChunkEntry,
     check_payload,
     check_signature,
@@ -29,6 +30,7 @@ from gsvrcodec.container.header import Header, parse_header
 from gsvrcodec.container.index import END_CHUNK_BYTES, parse_end, parse_index
 from gsvrcodec.container.recovery import walk
 from gsvrcodec.container.source import Source
+from gsvrcodec.container.tags import Tags, parse_tags
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
@@ -206,6 +208,21 @@ class GsvrReader:
         if not isinstance(value, dict):
             raise CorruptError("not a JSON object in UTF-8", chunk=SETTINGS_TYPE.decode())
         return value
+
+    def tags(self) -> Tags:
+        """Titles, languages and chapters from chunk meta, empty if there is none.
+
+        Raises:
+            CorruptError: It is damaged, or breaks a rule of the spec.
+            LimitError: It is over the reader's limits.
+        """
+        payload = self.auxiliary(METADATA_TYPE)
+        return Tags() if payload is None else parse_tags(payload)
+
+    @property
+    def streams(self) -> tuple[ChunkEntry, ...]:
+        """The chunks strm, each a small file with one copied stream, for `read_chunk`."""
+        return tuple(chunk for chunk in self._chunks if chunk.type == STREAMS_TYPE)
 
     def close(self) -> None:
         """Close the file, if the reader opened it."""

@@ -11,15 +11,23 @@ from gsvrcodec.container.chunk import (
     GOP_TYPE,
     HEAD_TYPE,
     INDEX_TYPE,
+    OVERHEAD_BYTES,
     SIGNATURE,
     STRUCTURAL_TYPES,
     ChunkEntry,
+    Payload,
     chunk_bytes,
+    chunk_parts,
     is_critical,
 )
 from gsvrcodec.container.gop_head import GopEntry, parse_gop_head, unpack_summary
 from gsvrcodec.container.header import Header
-from gsvrcodec.container.index import END_CHUNK_BYTES, end_payload, index_payload
+from gsvrcodec.container.index import (
+    END_CHUNK_BYTES,
+    end_payload,
+    index_bytes,
+    index_payload,
+)
 
 
 class GsvrWriter:
@@ -90,7 +98,7 @@ class GsvrWriter:
         self._gops.append(entry)
         return entry
 
-    def add_auxiliary(self, kind: bytes, payload: bytes) -> None:
+    def add_auxiliary(self, kind: bytes, payload: Payload) -> None:
         """Append a chunk that a decoder may skip.
 
         Args:
@@ -103,6 +111,11 @@ class GsvrWriter:
         if is_critical(kind) or kind in STRUCTURAL_TYPES:
             raise ValueError(f"{kind!r} is not the type of an auxiliary chunk")
         self._append(kind, payload)
+
+    def final_size(self, gops: int, payload_bytes: int) -> int:
+        """Bytes of the closed file after so many more GOPs with so many bytes together."""
+        index = index_bytes(len(self._chunks) + gops)
+        return self._end + gops * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
 
     def close(self) -> None:
         """Write the index and the final header; without this the file counts as cut short.
@@ -138,14 +151,15 @@ class GsvrWriter:
         if kind is None:
             self.close()
 
-    def _append(self, kind: bytes, payload: bytes) -> None:
+    def _append(self, kind: bytes, payload: Payload) -> None:
         if self._closed:
             raise ValueError("the file is closed")
-        chunk = chunk_bytes(kind, payload)
+        entry = ChunkEntry(kind, self._end, len(payload))
         self._file.seek(self._end)
-        self._file.write(chunk)
-        self._chunks.append(ChunkEntry(kind, self._end, len(payload)))
-        self._end += len(chunk)
+        for part in chunk_parts(kind, payload):
+            self._file.write(part)
+        self._chunks.append(entry)
+        self._end = entry.end
 
     def _rewrite_header(self, header: Header) -> None:
         """Put `header` in the place of the old one, if it differs."""

@@ -1,17 +1,22 @@
 """Video files of other formats, in and out. PyAV is imported here and nowhere else."""
 
 from gsvrcodec.video.colour import Rgb
+from gsvrcodec.video.extras import Extras, read_extras
 from gsvrcodec.video.output import OutputInfo
 from gsvrcodec.video.probe import VideoInfo, probe
-from gsvrcodec.video.read import Crop, SourceFrame, VideoReader, open_video
+from gsvrcodec.video.read import Crop, SourceFrame, VideoReader, open_video, reading_options
+from gsvrcodec.video.spool import rereadable
+from gsvrcodec.video.timing import Span
 from gsvrcodec.video.write import MUXERS, Writer, muxer_of, open_writer
 
 __all__ = [
     "MUXERS",
     "Crop",
+    "Extras",
     "OutputInfo",
     "Rgb",
     "SourceFrame",
+    "Span",
     "VideoInfo",
     "VideoReader",
     "Writer",
@@ -19,4 +24,7 @@ __all__ = [
     "open_video",
     "open_writer",
     "probe",
+    "read_extras",
+    "reading_options",
+    "rereadable",
 ]

@@ -13,10 +13,15 @@ from numpy.typing import NDArray
 from gsvrcodec.container.header import ColourInfo
 
 Rgb = NDArray[np.uint8]  #: (H, W, 3) red, green, blue
+#: The same with 8 bits, or with 10 (0 to 1023).
+AnyRgb = NDArray[np.uint8 | np.uint16]
 
 #: CICP code points (ITU-T H.273) that this module must know by name.
 MATRIX_RGB = 0
 MATRIX_BT601 = 6
+
+#: CICP matrices that swscale converts by definition, or as unspecified.
+KNOWN_MATRICES = frozenset({0, 1, 2, 4, 5, 6, 7, 9})
 
 #: swscale's coefficient set for a CICP matrix; all others are converted as BT.601.
 _COEFFICIENTS = {
@@ -26,6 +31,16 @@ _COEFFICIENTS = {
     9: Colorspace.BT2020,
     10: Colorspace.BT2020,
 }
+
+#: Shares of red and blue in luma, by CICP matrix; of all others those of BT.601.
+_LUMA = {
+    1: (0.2126, 0.0722),
+    4: (0.30, 0.11),
+    7: (0.212, 0.087),
+    9: (0.2627, 0.0593),
+    10: (0.2627, 0.0593),
+}
+_LUMA_BT601 = (0.299, 0.114)
 
 #: Averages chroma over the pixels it stands for, and rounds instead of cutting off.
 _TO_YCBCR = Interpolation.AREA | Interpolation.ACCURATE_RND
@@ -49,35 +64,69 @@ def to_rgb(frame: av.VideoFrame) -> Rgb:
 
     A tagged matrix and range are honoured; without tags it is BT.601, limited range. The default
     conversion is kept on purpose: published figures for the usual clips were measured on it.
+    Matrices that swscale does not know are taken for the nearest: `output_matrix` has the way back.
     """
+    if frame.colorspace not in KNOWN_MATRICES:
+        frame.colorspace = 9 if frame.colorspace == 10 else MATRIX_BT601
     rgb: Rgb = frame.to_ndarray(format="rgb24").astype(np.uint8, copy=False)
     return rgb
 
 
 def output_matrix(colour: ColourInfo) -> int:
-    """Return the CICP matrix that YCbCr output is converted with and tagged as.
+    """Return the CICP matrix that YCbCr output is tagged as: the source's, so that players agree.
 
-    Sources without a tag, and RGB, become BT.601: the rule they were read by, now written down.
+    It is converted with those coefficients that it was read with, so that YCbCr comes back as it
+    was: BT.601 for what has no tag or one that is not known here. What was RGB becomes BT.601.
     """
-    return colour.matrix if colour.matrix in _COEFFICIENTS or colour.matrix == 5 else MATRIX_BT601
+    return MATRIX_BT601 if colour.matrix == MATRIX_RGB else colour.matrix
 
 
-def ycbcr_format(width: int, height: int) -> str:
+def ycbcr_format(width: int, height: int, bit_depth: int = 8) -> str:
     """Return the pixel format for YCbCr output: 4:2:0, or 4:4:4 where a side is odd."""
-    return "yuv444p" if width % 2 or height % 2 else "yuv420p"
+    name = "yuv444p" if width % 2 or height % 2 else "yuv420p"
+    return name if bit_depth == 8 else f"{name}{bit_depth}le"
 
 
-def to_ycbcr(rgb: Rgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
-    """Return an RGB picture as a tagged YCbCr frame of `pixel_format`."""
-    matrix = output_matrix(colour)
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
+def to_ycbcr(rgb: AnyRgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
+    """Return a picture as a tagged YCbCr frame of `pixel_format`, of as many bits."""
+    if rgb.dtype == np.uint8:
+        frame = _to_8_bit(rgb.astype(np.uint8, copy=False), pixel_format, colour)
+    else:
+        frame = _to_10_bit(rgb.astype(np.uint16, copy=False), pixel_format, colour)
+    frame.colorspace = output_matrix(colour)
+    frame.color_primaries = colour.primaries
+    frame.color_trc = colour.transfer
+    return frame
+
+
+def _to_8_bit(rgb: Rgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
+    """Convert by swscale, which is quick and right to the code value."""
+    return av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
         format=pixel_format,
-        dst_colorspace=_COEFFICIENTS.get(matrix, Colorspace.ITU601),
+        dst_colorspace=_COEFFICIENTS.get(colour.matrix, Colorspace.ITU601),
         src_color_range=ColorRange.JPEG,
         dst_color_range=ColorRange.JPEG if colour.full_range else ColorRange.MPEG,
         interpolation=_TO_YCBCR,
     )
-    frame.colorspace = matrix
-    frame.color_primaries = colour.primaries
-    frame.color_trc = colour.transfer
+
+
+def _to_10_bit(rgb: NDArray[np.uint16], pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
+    """Convert by the definition (H.273): swscale is off by up to three code values of 10 bits."""
+    height, width = rgb.shape[:2]
+    red, blue = _LUMA.get(colour.matrix, _LUMA_BT601)
+    luma = np.array([red, 1 - red - blue, blue])
+    cb = (np.array([0, 0, 1]) - luma) / (2 - 2 * blue)
+    cr = (np.array([1, 0, 0]) - luma) / (2 - 2 * red)
+    black, white, swing = (0, 1023, 1023) if colour.full_range else (64, 940, 896)
+    gain = np.array([luma * (white - black), cb * swing, cr * swing]) / 1023
+    planes = np.moveaxis(rgb.astype(np.float32) @ gain.T.astype(np.float32), 2, 0)
+    planes += np.array([black, 512, 512], np.float32)[:, None, None]
+    frame = av.VideoFrame(width, height, pixel_format)
+    for plane, values in zip(frame.planes, planes, strict=True):
+        if plane.height < height:
+            values = values.reshape(height // 2, 2, width // 2, 2).mean((1, 3))
+        padded = np.zeros((plane.height, plane.line_size // 2), "<u2")
+        padded[:, : plane.width] = np.rint(values).clip(0, 1023)
+        plane.update(padded.tobytes())
+    frame.color_range = ColorRange.JPEG if colour.full_range else ColorRange.MPEG
     return frame

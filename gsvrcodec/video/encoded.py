@@ -1,4 +1,4 @@
-"""Writers that code the pictures: H.264 in MP4, and lossless FFV1 in Matroska."""
+"""Writers that code the pictures: H.264 or HEVC in MP4, and lossless FFV1 in Matroska."""
 
 from __future__ import annotations
 
@@ -12,13 +12,25 @@ import numpy as np
 from av.video.reformatter import ColorRange
 
 from gsvrcodec.errors import OutputError
-from gsvrcodec.video.colour import MATRIX_RGB, Rgb, output_matrix, to_ycbcr, ycbcr_format
+from gsvrcodec.video.colour import (
+    MATRIX_RGB,
+    AnyRgb,
+    output_matrix,
+    to_ycbcr,
+    ycbcr_format,
+)
+from gsvrcodec.video.copies import StreamCopies
+from gsvrcodec.video.matroska import set_sample_aspect
 from gsvrcodec.video.output import OutputInfo
+from gsvrcodec.video.tags import write_tags
 
 _log = logging.getLogger(__name__)
 
 #: The largest number of ticks a second that MP4 can count in.
 _MAX_TIMESCALE = 2**31 - 1
+
+#: x265 takes no smaller pictures, pixels.
+_LEAST_HEVC_SIDE = 16
 
 #: Matroska files count in milliseconds.
 _MILLISECOND = Fraction(1, 1000)
@@ -38,8 +50,10 @@ class _ContainerWriter(ABC):
         codec_options: dict[str, str],
         pixel_format: str,
         matrix: int,
+        copies: StreamCopies,
     ) -> None:
         self._info = info
+        self._copies = copies
         self._scale = info.time_base.numerator
         self._base = Fraction(1, info.time_base.denominator)
         self._file = av.open(
@@ -60,14 +74,18 @@ class _ContainerWriter(ABC):
         context.colorspace = matrix
         full = info.colour.full_range or matrix == MATRIX_RGB
         context.color_range = ColorRange.JPEG if full else ColorRange.MPEG
-        if info.rotation:
+        if info.mirrored:  # here it is done after turning, which is as turning the other way
+            stream.set_display_rotation(info.rotation, hflip=True)
+        elif info.rotation:
             stream.set_display_rotation(-info.rotation)
+        copies.add_to(self._file)
+        write_tags(info.tags, self._file, stream, info.span)
 
     @abstractmethod
-    def _frame(self, rgb: Rgb) -> av.VideoFrame:
+    def _frame(self, rgb: AnyRgb) -> av.VideoFrame:
         """Return the picture in the stream's pixel format."""
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Code one picture."""
         frame = self._frame(rgb)
         frame.pts = pts * self._scale
@@ -78,11 +96,15 @@ class _ContainerWriter(ABC):
     def close(self) -> None:
         """Finish the file."""
         self._mux(self._stream.encode(None))
+        self._copies.write()
+        self._copies.close()
         self._file.close()
 
     def _mux(self, packets: list[av.Packet[av.VideoStream]]) -> None:
         """Write coded pictures, each with its own duration, which encoders do not pass on."""
         for packet in packets:
+            if packet.dts is not None:
+                self._copies.write(packet.dts * packet.time_base)
             if packet.pts is not None:
                 packet.duration = self._durations.pop(packet.pts, 0)
             self._file.mux(packet)
@@ -95,40 +117,51 @@ class _ContainerWriter(ABC):
             _log.debug("closing an unfinished output: %s", error)
 
 
-class H264Writer(_ContainerWriter):
-    """Near-lossless H.264 in MP4, timestamps exact to the tick."""
+class Mp4Writer(_ContainerWriter):
+    """Near-lossless H.264 in MP4, or HEVC for 10 bits; timestamps exact to the tick."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Create the file at `path`."""
         assert path is not None
         if info.time_base.denominator > _MAX_TIMESCALE:
             raise OutputError(f"a time base of {info.time_base} s is too fine for .mp4; use .mkv")
-        self._format = ycbcr_format(info.width, info.height)
-        timescale = str(info.time_base.denominator)
+        self._format = ycbcr_format(info.width, info.height, info.bit_depth)
+        codec = "libx264"
+        options = {
+            "crf": str(info.crf),
+            "preset": info.codec_preset,
+            # Without B-frames every sample's duration in the file is the time it is shown.
+            "bf": "0",
+            # Fidelity, not looks; and no saving on pictures that the next ones do not use.
+            "x264-params": "mbtree=0:psy=0",
+        }
+        if info.bit_depth > 8 and min(info.width, info.height) >= _LEAST_HEVC_SIDE:
+            codec = "libx265"
+            options["x265-params"] = (
+                "bframes=0:cutree=0:psy-rd=0:psy-rdoq=0:log-level=none"
+                f"{':lossless=1' if info.crf == 0 else ''}"
+                f"{f':pools={info.threads}' if info.threads else ''}"
+            )
+        copies = StreamCopies(info.streams, info.span)
+        timescale = info.time_base.denominator
         super().__init__(
             path,
             info,
             container="mp4",
             # FFmpeg's own choices round the start of the film to milliseconds.
             container_options={
-                "video_track_timescale": timescale,
-                "movie_timescale": timescale,
+                "video_track_timescale": str(timescale),
+                "movie_timescale": str(copies.timescale(timescale, _MAX_TIMESCALE)),
                 "movflags": "+faststart",
             },
-            codec="libx264",
-            codec_options={
-                "crf": str(info.crf),
-                "preset": info.codec_preset,
-                # Without B-frames every sample's duration in the file is the time it is shown.
-                "bf": "0",
-                # Fidelity, not looks; and no saving on pictures that the next ones do not use.
-                "x264-params": "mbtree=0:psy=0",
-            },
+            codec=codec,
+            codec_options=options,
             pixel_format=self._format,
             matrix=output_matrix(info.colour),
+            copies=copies,
         )
 
-    def _frame(self, rgb: Rgb) -> av.VideoFrame:
+    def _frame(self, rgb: AnyRgb) -> av.VideoFrame:
         """Return the picture as YCbCr."""
         return to_ycbcr(rgb, self._format, self._info.colour)
 
@@ -140,26 +173,48 @@ class Ffv1Writer(_ContainerWriter):
         """Create the file at `path`."""
         assert path is not None
         self._warned = False
+        self._path = path
         super().__init__(
             path,
             info,
             container="matroska",
-            container_options={},
+            # Sound that starts before the video must not push the video's times.
+            container_options={
+                "avoid_negative_ts": "disabled",
+                # `set_sample_aspect` could not keep them right.
+                "write_crc32": str(int(info.sample_aspect == 1)),
+            },
             codec="ffv1",
             codec_options={"level": "3", "slicecrc": "1"},
-            pixel_format="bgr0",
+            pixel_format="bgr0" if info.bit_depth == 8 else f"gbrp{info.bit_depth}le",
             matrix=MATRIX_RGB,
+            copies=StreamCopies(info.streams, info.span),
         )
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Code one picture."""
         if not self._warned and (pts * self._info.time_base) % _MILLISECOND:
             _log.warning("timestamps are rounded to milliseconds in .mkv; .mp4 keeps them exact")
             self._warned = True
         super().write(rgb, pts, duration)
 
-    def _frame(self, rgb: Rgb) -> av.VideoFrame:
-        """Return the picture with a byte of padding to every pixel."""
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
+    def close(self) -> None:
+        """Finish the file."""
+        super().close()
+        info = self._info
+        if info.sample_aspect != 1 and not set_sample_aspect(
+            self._path, (info.width, info.height), info.sample_aspect
+        ):
+            _log.warning("pixels of %s are shown square in .mkv; use .mp4", info.sample_aspect)
+
+    def _frame(self, rgb: AnyRgb) -> av.VideoFrame:
+        """Return the picture as it is; one of 8 bits with a byte of padding to every pixel."""
+        if rgb.dtype == np.uint16:
+            frame = av.VideoFrame.from_ndarray(
+                np.ascontiguousarray(rgb, np.uint16), format="gbrp10le"
+            )
+            frame.color_range = ColorRange.JPEG
+            return frame
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb, np.uint8), format="rgb24")
         frame.color_range = ColorRange.JPEG
         return frame.reformat(format="bgr0")

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.container.tags import StreamTags, Tags
+from gsvrcodec.video.timing import Span
 
 #: Near-lossless: about 40 dB or more on the sample clips.
 DEFAULT_CRF = 8
@@ -21,10 +23,16 @@ class OutputInfo:
     time_base: Fraction  #: seconds a tick
     rate: Fraction  #: mean frames a second
     frames: int  #: how many pictures will come
+    bit_depth: int = 8  #: of a sample of the pictures: 8 (uint8) or 10 (uint16, 0 to 1023)
     first_frame: int = 0  #: number of the first picture in the film, from 0
     sample_aspect: Fraction = Fraction(1)  #: width of a pixel over its height
     rotation: int = 0  #: degrees clockwise that a player turns the picture by
+    mirrored: bool = False  #: whether a player mirrors the picture left to right before it turns it
     colour: ColourInfo = field(default_factory=ColourInfo)
-    crf: int = DEFAULT_CRF  #: H.264 quality, 0 (best) to 51
-    codec_preset: str = DEFAULT_CODEC_PRESET  #: x264's effort
+    crf: int = DEFAULT_CRF  #: quality of H.264 or HEVC, 0 (lossless YCbCr) to 51
+    codec_preset: str = DEFAULT_CODEC_PRESET  #: effort of x264 or x265
     threads: int = 0  #: of the output's encoder; 0 = all cores
+    tags: Tags = field(default_factory=Tags)  #: titles, languages, chapters
+    #: Sound and subtitles: what they are, and each in a container of its own.
+    streams: tuple[tuple[StreamTags, bytes], ...] = ()
+    span: Span = field(default_factory=Span)  #: what to keep of streams and chapters

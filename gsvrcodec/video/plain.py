@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import re
 import sys
 from pathlib import Path
 from typing import BinaryIO, TextIO
@@ -13,13 +12,19 @@ import av
 import numpy as np
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.video.colour import Rgb, to_ycbcr, ycbcr_format
+from gsvrcodec.video.colour import AnyRgb, to_ycbcr, ycbcr_format
 from gsvrcodec.video.output import OutputInfo
+from gsvrcodec.video.sequence import NUMBER
 
 _log = logging.getLogger(__name__)
 
-#: The number in the name of a picture, as printf writes it.
-_NUMBER = re.compile(r"%0?\d*d")
+#: Chroma of a pixel format, as the head of a Y4M file names it.
+_Y4M_CHROMA = {
+    "yuv420p": "420jpeg",
+    "yuv444p": "444",
+    "yuv420p10le": "420p10 XYSCSS=420P10",
+    "yuv444p10le": "444p10 XYSCSS=444P10",
+}
 
 
 class Y4mWriter:
@@ -28,19 +33,19 @@ class Y4mWriter:
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Start the stream at `path`, None = standard output."""
         self._info = info
-        self._format = ycbcr_format(info.width, info.height)
+        self._format = ycbcr_format(info.width, info.height, info.bit_depth)
         self._file: BinaryIO = sys.stdout.buffer if path is None else path.open("wb")
         self._owned = path is not None
         self._warned = False
         rate, aspect = info.rate, info.sample_aspect
-        chroma = "420jpeg" if self._format == "yuv420p" else "444"
         levels = "FULL" if info.colour.full_range else "LIMITED"
         self._file.write(
             f"YUV4MPEG2 W{info.width} H{info.height} F{rate.numerator}:{rate.denominator} Ip "
-            f"A{aspect.numerator}:{aspect.denominator} C{chroma} XCOLORRANGE={levels}\n".encode()
+            f"A{aspect.numerator}:{aspect.denominator} C{_Y4M_CHROMA[self._format]} "
+            f"XCOLORRANGE={levels}\n".encode()
         )
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Add one picture."""
         if not self._warned and duration * self._info.time_base * self._info.rate != 1:
             _log.warning(
@@ -48,7 +53,10 @@ class Y4mWriter:
             )
             self._warned = True
         self._file.write(b"FRAME\n")
-        self._file.write(to_ycbcr(rgb, self._format, self._info.colour).to_ndarray().tobytes())
+        for plane in to_ycbcr(rgb, self._format, self._info.colour).planes:
+            line = plane.width * (2 if self._info.bit_depth > 8 else 1)
+            lines = np.frombuffer(bytes(plane), np.uint8).reshape(plane.height, plane.line_size)
+            self._file.write(lines[:, :line].tobytes())
 
     def close(self) -> None:
         """Finish the stream."""
@@ -70,7 +78,7 @@ class PngWriter:
         self._info = info
         self._paths = iter(png_paths(path, info))
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Write one picture; its file appears whole."""
         target = next(self._paths)
         partial = target.with_name(f".{target.name}.part")
@@ -96,7 +104,7 @@ class Md5Writer:
         self._owned = path is not None
         self._sum = hashlib.md5(usedforsecurity=False)
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Add one picture to the sum."""
         self._sum.update(np.ascontiguousarray(rgb).data)
 
@@ -118,7 +126,7 @@ class NullWriter:
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Nothing to open."""
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Forget one picture."""
 
     def close(self) -> None:
@@ -134,7 +142,7 @@ def png_paths(path: Path, info: OutputInfo) -> list[Path]:
     Raises:
         UsageError: the name holds no number, or more than one, and there are several pictures.
     """
-    numbers = _NUMBER.findall(path.name)
+    numbers = NUMBER.findall(path.name)
     if not numbers and info.frames == 1:
         return [path]
     if len(numbers) != 1 or path.name.count("%") != 1:
@@ -143,11 +151,15 @@ def png_paths(path: Path, info: OutputInfo) -> list[Path]:
     return [path.with_name(path.name % n) for n in range(first, first + info.frames)]
 
 
-def _png(rgb: Rgb) -> bytes:
-    """Return a picture as the bytes of a PNG file."""
+def _png(rgb: AnyRgb) -> bytes:
+    """Return a picture as the bytes of a PNG file, with 16 bits a sample if it has more than 8."""
     height, width = rgb.shape[:2]
+    if rgb.dtype == np.uint16:
+        deep = np.ascontiguousarray(rgb << 6 | rgb >> 4, np.uint16)
+        frame = av.VideoFrame.from_ndarray(deep, format="rgb48le").reformat(format="rgb48be")
+    else:
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb, np.uint8), format="rgb24")
     encoder = av.CodecContext.create("png", "w")
     assert isinstance(encoder, av.VideoCodecContext)
-    encoder.width, encoder.height, encoder.pix_fmt = width, height, "rgb24"
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
+    encoder.width, encoder.height, encoder.pix_fmt = width, height, frame.format.name
     return b"".join(bytes(packet) for packet in [*encoder.encode(frame), *encoder.encode(None)])

@@ -4,27 +4,38 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 from av.container import InputContainer
-from av.stream import Disposition
+from av.stream import Disposition, Stream
 from av.video.stream import VideoStream
 
 from gsvrcodec.container.chunk import SIGNATURE
 from gsvrcodec.container.header import ColourInfo
-from gsvrcodec.errors import NotAVideoError
+from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import check_input
 from gsvrcodec.video.colour import source_colour
+from gsvrcodec.video.orientation import orientation
+from gsvrcodec.video.sequence import first_of_sequence
 
 _log = logging.getLogger(__name__)
 
 #: Keeps names such as "12:30.mp4" from being taken for an address.
 _FILE = "file:"
+
+_CLOCK = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
+
+#: Demuxers of what has no times.
+_UNTIMED = frozenset(
+    {"image2", "h264", "hevc", "vvc", "av1", "obu", "m4v", "mpegvideo", "mjpeg", "dirac", "vc1"}
+)
 
 #: Demuxers that take any text or bytes for a picture of text.
 _TEXT_ART = frozenset({"tty", "bin", "xbin", "adf", "idf"})
@@ -44,33 +55,50 @@ class VideoInfo:
     time_base: Fraction  #: seconds a tick
     average_rate: Fraction | None  #: frames a second; None = unknown
     frames: int | None  #: what the container says of the whole stream; None = it does not
+    duration: Fraction | None  #: seconds, what the container says; None = it does not
     sample_aspect: Fraction  #: width of a pixel over its height
     rotation: int  #: 0, 90, 180 or 270: degrees clockwise that a player turns the picture by
+    mirrored: bool  #: whether a player mirrors the picture left to right before it turns it
     bit_depth: int  #: bits a sample of the source
     pixel_format: str  #: FFmpeg's name of the source's pixel format
     codec: str  #: FFmpeg's name of the source's decoder
     interlaced: bool
+    alpha: bool  #: whether pixels are partly transparent, which is lost
+    other_videos: int  #: further video streams of the file, which are left alone
     colour: ColourInfo
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
-    """Open a file for decoding and close it after the block.
+def opened(
+    path: Path, rate: Fraction | None = None
+) -> Iterator[tuple[InputContainer, VideoStream]]:
+    """Open a file, or numbered pictures such as in_%04d.png, and close it after the block.
+
+    Args:
+        path: what to open.
+        rate: frames a second of what has no times of its own: pictures and raw streams.
 
     Raises:
         InputError: the file cannot be read.
         NotAVideoError: it has no video stream.
+        UsageError: it has times of its own, and `rate` is given.
     """
-    _check_start(check_input(path))
+    options = {} if rate is None else {"framerate": str(rate)}
+    first, kind = first_of_sequence(path), None
+    if first is None:
+        _check_start(check_input(path))
+    else:
+        kind, options["start_number"] = "image2", str(first)
     try:
-        container = av.open(f"{_FILE}{path}", metadata_errors="replace")
+        container = av.open(f"{_FILE}{path}", "r", kind, options, metadata_errors="replace")
     except (av.FFmpegError, ValueError) as error:
         raise NotAVideoError(f"{path} is not a video that can be read") from error
     with container:
         if container.format.name in _TEXT_ART:
             raise NotAVideoError(f"{path} is not a video: it looks like text")
-        cover = Disposition.attached_pic
-        streams = [s for s in container.streams.video if not s.disposition & cover]
+        if rate is not None and container.format.name not in _UNTIMED:
+            raise UsageError(f"--rate is for pictures and raw streams; {path} has its own times")
+        streams = [stream for stream in container.streams.video if not _is_cover(stream)]
         if not streams:
             kinds = sorted({stream.type for stream in container.streams if stream.type != "video"})
             held = f": it holds {' and '.join(kinds)} only" if kinds else ""
@@ -98,19 +126,30 @@ def decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.Video
             raise NotAVideoError(f"{name} cannot be decoded: {error.strerror}") from error
 
 
-def probe(path: str | os.PathLike[str]) -> VideoInfo:
-    """Return what the first video stream of `path` is.
+def demuxed(container: InputContainer, streams: Sequence[Stream]) -> Iterator[av.Packet[Any]]:
+    """Yield every packet of `streams`, in the order of the file; what is damaged ends it."""
+    packets = container.demux(*streams) if streams else iter(())
+    while True:
+        try:
+            packet = next(packets, None)
+        except av.FFmpegError as error:
+            _log.warning("sound or subtitles break off: %s", error.strerror)
+            return
+        if packet is None:
+            return
+        if packet.size or packet.dts is not None:  # else it only tells that the stream has ended
+            yield packet
 
-    Raises:
-        InputError: the file is missing, a directory or unreadable.
-        NotAVideoError: it is no video, or one without a single frame.
-    """
+
+def probe(path: str | os.PathLike[str], rate: Fraction | None = None) -> VideoInfo:
+    """Return what the first video stream of `path` is; arguments and errors as `opened`."""
     path = Path(path)
-    with opened(path) as (container, stream):
+    with opened(path, rate) as (container, stream):
         frame = next(decoded(container, stream), None)
         if frame is None:
             raise NotAVideoError(f"{path} has no video frames")
         context = stream.codec_context
+        rotation, mirrored = orientation(frame)
         aspect = stream.sample_aspect_ratio or context.sample_aspect_ratio
         return VideoInfo(
             path=path,
@@ -123,14 +162,34 @@ def probe(path: str | os.PathLike[str]) -> VideoInfo:
             time_base=stream.time_base or Fraction(1, 90_000),
             average_rate=_rate(stream, timed=frame.pts is not None),
             frames=stream.frames or None,
+            duration=_duration(stream),
             sample_aspect=aspect if aspect and aspect > 0 else Fraction(1),
-            rotation=round(-frame.rotation / 90) % 4 * 90,
+            rotation=rotation,
+            mirrored=mirrored,
             bit_depth=max(component.bits for component in frame.format.components),
             pixel_format=frame.format.name,
             codec=context.name,
             interlaced=frame.interlaced_frame,
+            alpha=any(component.is_alpha for component in frame.format.components),
+            other_videos=sum(not _is_cover(s) for s in container.streams.video) - 1,
             colour=source_colour(frame),
         )
+
+
+def _duration(stream: VideoStream) -> Fraction | None:
+    """Return how long a stream is by its container, seconds."""
+    if stream.duration is not None and stream.time_base is not None:
+        return stream.duration * stream.time_base
+    written = _CLOCK.fullmatch(stream.metadata.get("DURATION", ""))  # by Matroska's muxers
+    if written is None:
+        return None
+    hours, minutes, seconds = written.groups()
+    return 3600 * int(hours) + 60 * int(minutes) + Fraction(seconds)
+
+
+def _is_cover(stream: Stream) -> bool:
+    """Return whether a video stream is only the cover of a sound track."""
+    return bool(stream.disposition & Disposition.attached_pic)
 
 
 def _rate(stream: VideoStream, *, timed: bool) -> Fraction | None:

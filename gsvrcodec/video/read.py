@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import isfinite
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import av
 
 from gsvrcodec.errors import UnsupportedError, UsageError
-from gsvrcodec.video.colour import Rgb, to_rgb
+from gsvrcodec.video.colour import KNOWN_MATRICES, Rgb, to_rgb
+from gsvrcodec.video.deinterlace import deinterlaced
+from gsvrcodec.video.orientation import upright
 from gsvrcodec.video.probe import VideoInfo, decoded, opened, probe
-from gsvrcodec.video.timing import Timeline
+from gsvrcodec.video.timing import Part, Timeline
 
 _log = logging.getLogger(__name__)
+
+#: The most frames a second, and the largest denominator of their number.
+_MAX_RATE = 1000
+_MAX_DENOMINATOR = 100_000
+
+#: A source that ends so much before it says it does is cut short, seconds.
+_MISSING = Fraction(1, 4)
 
 #: Width, height, column, row in pixels; a None column or row centres the crop.
 Crop = tuple[int, int, int | None, int | None]
@@ -34,11 +45,21 @@ class SourceFrame:
 class VideoReader:
     """Frames of one video; every `iter()` starts again from the first."""
 
-    def __init__(self, info: VideoInfo, start_frame: int, frames: int | None) -> None:
-        """Use `open_video`."""
+    def __init__(
+        self,
+        info: VideoInfo,
+        part: Part,
+        *,
+        rate: Fraction | None = None,
+        turned: tuple[int, bool] = (0, False),
+        deinterlace: bool = False,
+    ) -> None:
+        """Use `open_video`; `turned` is the orientation that is done to the pictures."""
         self.info = info
-        self._start = start_frame
-        self._frames = frames
+        self._part = part
+        self._rate = rate
+        self._turned = turned
+        self._deinterlace = deinterlace
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -72,42 +93,53 @@ class VideoReader:
 
     def _chosen(self) -> Iterator[SourceFrame]:
         """Yield frames one step behind the decoder: a duration ends where the next frame starts."""
-        info = self.info
-        stop = None if self._frames is None else self._start + self._frames
+        info, part = self.info, self._part
         held: tuple[Rgb, int] | None = None
-        count = 0
-        with opened(info.path) as (container, stream):
-            timeline = Timeline(str(info.path), info.time_base, stream.guessed_rate)
-            for frame in decoded(container, stream):
-                pts = timeline.place(frame.pts, frame.duration)
+        count = given = 0
+        with opened(info.path, self._rate) as (container, stream):
+            timeline = Timeline(str(info.path), info.time_base, self._rate or stream.guessed_rate)
+            frames = decoded(container, stream)
+            for frame in deinterlaced(frames, stream) if self._deinterlace else frames:
+                # The rate that was asked for goes before what a raw stream says of itself.
+                duration = frame.duration if self._rate is None else 0
+                pts = timeline.place(frame.pts, duration)
                 if held is not None:
                     yield SourceFrame(*held, duration=pts - held[1])
                     held = None
-                if count == stop:
-                    return
-                if count >= self._start:
+                if part.starts(count, pts, info.time_base):
+                    if part.ends(given, pts, info.time_base):
+                        break
                     held = self._picture(frame, count), pts
+                    given += 1
                 count += 1
-            if held is not None:
-                yield SourceFrame(*held, duration=timeline.last_duration())
-        if count <= self._start:
-            raise UsageError(
-                f"frame {self._start} is past the end: {info.path} has {count} frames"
-                if count
-                else f"{info.path} has no video frames"
-            )
+            else:
+                if held is not None:
+                    yield SourceFrame(*held, duration=timeline.last_duration())
+                if info.duration is not None and info.duration - timeline.length > _MISSING:
+                    _log.warning(
+                        "%s is cut short: %.2f s of %.2f s could be read",
+                        *(info.path, timeline.length, info.duration),
+                    )
+        if not given:
+            if part.start_seconds is None and part.stop_seconds is None:
+                where = f"frame {part.start_frame} is past the end"
+            else:
+                where = "no frame starts in the chosen time"
+            raise UsageError(f"{where}: {info.path} has {count} frames")
 
     def _picture(self, frame: av.VideoFrame, number: int) -> Rgb:
         """Return the cropped picture of frame `number`."""
         info = self.info
-        if (frame.width, frame.height) != (info.source_width, info.source_height):
+        size = (frame.height, frame.width) if self._turned[0] % 180 else (frame.width, frame.height)
+        if size != (info.source_width, info.source_height):
             raise UnsupportedError(
                 f"{info.path}: the picture size changes from "
-                f"{info.source_width}x{info.source_height} to {frame.width}x{frame.height} "
+                f"{info.source_width}x{info.source_height} to {size[0]}x{size[1]} "
                 f"at frame {number}"
             )
         rows = slice(info.crop_y, info.crop_y + info.height)
-        return to_rgb(frame)[rows, info.crop_x : info.crop_x + info.width]
+        rgb = upright(to_rgb(frame), *self._turned)
+        return rgb[rows, info.crop_x : info.crop_x + info.width]
 
 
 def open_video(
@@ -115,30 +147,109 @@ def open_video(
     crop: Crop | None = None,
     start_frame: int = 0,
     frames: int | None = None,
+    *,
+    start_seconds: float | Fraction | None = None,
+    stop_seconds: float | Fraction | None = None,
+    rate: float | Fraction | None = None,
+    bake_rotation: bool = False,
+    deinterlace: bool = False,
 ) -> VideoReader:
     """Open a video for reading as RGB.
 
     Args:
-        path: any file that FFmpeg reads.
+        path: any file that FFmpeg reads, or numbered pictures such as in_%04d.png.
         crop: width, height, column, row of the part to keep, pixels; None = all of it.
         start_frame: first frame to give, from 0.
         frames: how many frames to give; None = to the end. Fewer come if the video ends before.
+        start_seconds: instead of `start_frame`: give what starts at this time or later. Seconds
+            on the clock of the video's timestamps.
+        stop_seconds: instead of `frames`: give what starts before this time.
+        rate: frames a second of what has no times of its own: pictures and raw streams.
+        bake_rotation: turn and mirror the pictures as a player would; a crop is then of those.
+        deinterlace: make whole pictures of interlaced ones, which are refused otherwise.
 
     Raises:
         InputError: the file is missing, a directory or unreadable.
         NotAVideoError: it is no video, or one without a single frame.
-        UsageError: the crop does not fit into the picture, or a frame number is out of range.
+        UnsupportedError: it is interlaced.
+        UsageError: the crop does not fit into the picture, a frame number is out of range, or
+            options contradict each other.
     """
-    if start_frame < 0:
-        raise UsageError(f"the first frame must be 0 or more, not {start_frame}")
-    if frames is not None and frames < 1:
-        raise UsageError(f"the number of frames must be 1 or more, not {frames}")
-    info = probe(path)
+    part = Part(start_frame, frames, start_seconds, stop_seconds)
+    frame_rate = _frame_rate(rate)
+    info = probe(path, frame_rate)
     if info.frames is not None and start_frame >= info.frames:
         raise UsageError(f"frame {start_frame} is past the end: {path} has {info.frames} frames")
-    if info.interlaced:
-        _log.warning("%s is interlaced: its fields are coded as they are, in one picture", path)
-    return VideoReader(info if crop is None else _cropped(info, crop), start_frame, frames)
+    if info.interlaced and not deinterlace:
+        raise UnsupportedError(
+            f"{path} is interlaced, which cannot be coded; --deinterlace makes whole pictures of it"
+        )
+    for warning in _warnings(info):
+        _log.warning("%s: %s", path, warning)
+    turned = (info.rotation, info.mirrored) if bake_rotation else (0, False)
+    if bake_rotation:
+        info = _upright(info)
+    return VideoReader(
+        info if crop is None else _cropped(info, crop),
+        part,
+        rate=frame_rate,
+        turned=turned,
+        deinterlace=deinterlace and info.interlaced,
+    )
+
+
+#: What may be said of how to read a video: arguments of `open_video`.
+_OPTIONS = (
+    "crop",
+    "start_frame",
+    "frames",
+    "start_seconds",
+    "stop_seconds",
+    "rate",
+    "bake_rotation",
+    "deinterlace",
+)
+
+
+def reading_options(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `open_video` among the settings of an encode."""
+    return {name: settings[name] for name in _OPTIONS if name in settings}
+
+
+def _frame_rate(rate: float | Fraction | None) -> Fraction | None:
+    """Return a rate as FFmpeg takes it."""
+    if rate is None:
+        return None
+    if not (isfinite(rate) and 0 < rate <= _MAX_RATE):
+        raise UsageError(f"the rate must be over 0 and at most {_MAX_RATE}, not {rate}")
+    return Fraction(rate).limit_denominator(_MAX_DENOMINATOR)
+
+
+def _warnings(info: VideoInfo) -> Iterator[str]:
+    """Yield what of the source will not be as it was."""
+    if info.colour.matrix not in KNOWN_MATRICES:
+        what = "BT.2020" if info.colour.matrix == 10 else "BT.601"
+        yield f"colour matrix {info.colour.matrix} is taken for {what}"
+    if info.alpha:
+        yield "transparency is dropped"
+    if info.other_videos:
+        yield f"the first video stream is taken, {info.other_videos} more left out"
+
+
+def _upright(info: VideoInfo) -> VideoInfo:
+    """Return what a video is once its pictures are turned."""
+    if info.rotation % 180 == 0:
+        return replace(info, rotation=0, mirrored=False)
+    return replace(
+        info,
+        width=info.height,
+        height=info.width,
+        source_width=info.source_height,
+        source_height=info.source_width,
+        sample_aspect=1 / info.sample_aspect,
+        rotation=0,
+        mirrored=False,
+    )
 
 
 def _cropped(info: VideoInfo, crop: Crop) -> VideoInfo:

@@ -3,12 +3,95 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from fractions import Fraction
+from math import isfinite
+
+from gsvrcodec.errors import UsageError
 
 _log = logging.getLogger(__name__)
 
+#: Ticks that a time in seconds may be away from the timestamp it was computed from.
+_TICK_TOLERANCE = Fraction(1, 10**6)
+
 #: Assumed where a stream says nothing about its rate, frames a second.
 DEFAULT_RATE = Fraction(25)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The part of a film that is kept, on the clock of its timestamps; half-open."""
+
+    start: Fraction | None = None  #: seconds; None = from wherever it starts
+    stop: Fraction | None = None  #: seconds; None = to wherever it ends
+
+    def overlaps(self, start: Fraction, stop: Fraction) -> bool:
+        """Return whether a part of `start` up to `stop` is kept, or `start` if they are equal."""
+        if self.stop is not None and start >= self.stop:
+            return False
+        return self.start is None or stop > self.start or start >= self.start
+
+    def clipped(self, start: Fraction, stop: Fraction) -> tuple[Fraction, Fraction]:
+        """Return the part of `start` up to `stop` that is kept."""
+        return (
+            start if self.start is None else max(start, self.start),
+            stop if self.stop is None else min(stop, self.stop),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The frames that are wanted, by number or by time; half-open."""
+
+    start_frame: int = 0  #: the first, from 0
+    frames: int | None = None  #: how many; None = to the end
+    start_seconds: float | Fraction | None = None  #: instead of `start_frame`
+    stop_seconds: float | Fraction | None = None  #: instead of `frames`
+
+    def __post_init__(self) -> None:
+        """Check that there can be such frames.
+
+        Raises:
+            UsageError: naming the option, as `gsvrenc` spells it.
+        """
+        if self.start_frame < 0:
+            raise UsageError(f"the first frame must be 0 or more, not {self.start_frame}")
+        if self.frames is not None and self.frames < 1:
+            raise UsageError(f"the number of frames must be 1 or more, not {self.frames}")
+        if self.start_seconds is not None and self.start_frame:
+            raise UsageError("--ss and --start-frame exclude each other; give one")
+        if self.stop_seconds is not None and self.frames is not None:
+            raise UsageError("--to and --frames exclude each other; give one")
+        for seconds in (self.start_seconds, self.stop_seconds):
+            if seconds is not None and not isfinite(seconds):
+                raise UsageError(f"a time in seconds must be finite, not {seconds}")
+        if (
+            self.start_seconds is not None
+            and self.stop_seconds is not None
+            and self.start_seconds >= self.stop_seconds
+        ):
+            raise UsageError(
+                f"--to {float(self.stop_seconds):g} is not after --ss {float(self.start_seconds):g}"
+            )
+
+    def starts(self, number: int, pts: int, time_base: Fraction) -> bool:
+        """Return whether frame `number`, shown at `pts`, is the first or comes after it."""
+        if self.start_seconds is None:
+            return number >= self.start_frame
+        return pts >= _ticks(self.start_seconds, time_base)
+
+    def ends(self, given: int, pts: int, time_base: Fraction) -> bool:
+        """Return whether the frame at `pts`, after `given` wanted ones, is wanted no more."""
+        if self.stop_seconds is not None:
+            return pts >= _ticks(self.stop_seconds, time_base)
+        return given == self.frames
+
+
+def _ticks(seconds: float | Fraction, time_base: Fraction) -> Fraction:
+    """Return a time in ticks; a whole number if it is all but one, as a float can only be."""
+    ticks = Fraction(seconds) / time_base
+    whole = round(ticks)
+    return Fraction(whole) if abs(ticks - whole) <= _TICK_TOLERANCE else ticks
 
 
 class Timeline:
@@ -23,6 +106,8 @@ class Timeline:
         self._name = name
         self._rate = rate or DEFAULT_RATE
         self._nominal = max(1, round(1 / (self._rate * time_base)))
+        self._base = time_base
+        self._first: int | None = None
         self._pts: int | None = None
         self._duration = 0
         self._warned = False
@@ -33,8 +118,16 @@ class Timeline:
             self._warn("no timestamp" if pts is None else "a timestamp out of order")
             pts = 0 if self._pts is None else self._pts + self._duration
         self._pts = pts
+        self._first = pts if self._first is None else self._first
         self._duration = duration or self._nominal
         return pts
+
+    @property
+    def length(self) -> Fraction:
+        """How long the frames placed so far are shown together, seconds."""
+        if self._pts is None or self._first is None:
+            return Fraction(0)
+        return (self._pts + self._duration - self._first) * self._base
 
     def last_duration(self) -> int:
         """Return how long the frame placed last is shown, in ticks."""

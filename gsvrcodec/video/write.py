@@ -12,8 +12,8 @@ import av
 
 from gsvrcodec.errors import OutputError, UsageError
 from gsvrcodec.files import atomic_output, check_output
-from gsvrcodec.video.colour import Rgb
-from gsvrcodec.video.encoded import Ffv1Writer, H264Writer
+from gsvrcodec.video.colour import AnyRgb
+from gsvrcodec.video.encoded import Ffv1Writer, Mp4Writer
 from gsvrcodec.video.output import OutputInfo
 from gsvrcodec.video.plain import Md5Writer, NullWriter, PngWriter, Y4mWriter, png_paths
 
@@ -24,8 +24,8 @@ STDOUT = "-"
 class Writer(Protocol):
     """Takes frames in presentation order."""
 
-    def write(self, rgb: Rgb, pts: int, duration: int) -> None:
-        """Add a (H, W, 3) uint8 picture, shown at `pts` for `duration` ticks."""
+    def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
+        """Add a (H, W, 3) picture, shown at `pts` for `duration` ticks."""
 
     def close(self) -> None:
         """Finish the file."""
@@ -36,13 +36,19 @@ class Writer(Protocol):
 
 #: Writers by name; each is called with the path to write, None = standard output.
 MUXERS: dict[str, Callable[[Path | None, OutputInfo], Writer]] = {
-    "mp4": H264Writer,
+    "mp4": Mp4Writer,
     "mkv": Ffv1Writer,
     "y4m": Y4mWriter,
     "png": PngWriter,
     "md5": Md5Writer,
     "null": NullWriter,
 }
+
+#: Writers that take sound, subtitles, titles and chapters beside the pictures.
+WITH_STREAMS = frozenset({"mp4", "mkv"})
+
+#: Writers that take 10 bits wherever the source had them; for the others they must be asked for.
+DEEP = frozenset({"mp4", "mkv", "y4m"})
 
 #: Writers that can do without a file.
 _STREAMED = frozenset({"y4m", "md5", "null"})
@@ -78,8 +84,8 @@ def open_writer(
     """Open an output for writing frames; it appears under its name when the block succeeds.
 
     Args:
-        path: .mp4 (H.264), .mkv (FFV1), .y4m or a numbered `name_%04d.png`; None or "-" =
-            standard output.
+        path: .mp4 (H.264, or HEVC for 10 bits), .mkv (FFV1), .y4m or a numbered `name_%04d.png`;
+            None or "-" = standard output.
         info: what the pictures are.
         muxer: one of `MUXERS`; None = by the suffix of `path`, y4m on standard output.
         overwrite: replace files that exist.

@@ -28,6 +28,7 @@ def headers(draw: st.DrawFn) -> Header:
         time_base=Fraction(draw(positive), draw(positive)),
         sample_aspect=Fraction(draw(positive), draw(positive)),
         rotation=draw(st.sampled_from([0, 90, 180, 270])),
+        mirrored=draw(st.booleans()),
         bit_depth=draw(st.integers(1, 16)),
         colour=ColourInfo(
             draw(BYTE), draw(BYTE), draw(BYTE), draw(st.booleans()), draw(st.integers(0, 6))

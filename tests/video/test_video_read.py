@@ -197,6 +197,20 @@ class TestBadInput:
         with caplog.at_level(logging.WARNING):
             frames = list(open_video(path))
         assert 0 < len(frames) < 24
+        assert f"{path} is cut short: 0.44 s of 0.96 s could be read" in caplog.text
+
+    def test_cut_short_with_its_head_first(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        pictures = [
+            np.random.default_rng(n).integers(0, 256, (32, 48, 3), np.uint8) for n in range(20)
+        ]
+        path = making.write_video(tmp_path / "a.mp4", pictures)
+        list(open_video(path))
+        assert not caplog.records
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        assert 5 < len(list(open_video(path))) < 15
+        assert "is cut short" in caplog.text
 
     def test_name_like_an_address(self, tmp_path: Path) -> None:
         path = tmp_path / "http:..%d 12:30 ü.mp4"

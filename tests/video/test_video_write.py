@@ -74,10 +74,18 @@ class TestMp4:
         expected = [(pts * base, duration * base) for pts, duration in times]
         assert seconds(target, list(open_video(target))) == expected
 
-    def test_sample_aspect_is_kept(self, tmp_path: Path) -> None:
-        info = replace(making.output_info([BARS]), sample_aspect=Fraction(4, 3))
-        target = making.write_video(tmp_path / "out.mp4", [BARS], info)
-        assert open_video(target).info.sample_aspect == Fraction(4, 3)
+    @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+    @pytest.mark.parametrize("aspect", ["4/3", "16/11", "10/11", "64/45", "255/254"])
+    def test_sample_aspect_is_kept(
+        self, tmp_path: Path, suffix: str, aspect: str, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        pictures = [BARS, BARS[:, ::-1]]
+        info = replace(making.output_info(pictures), sample_aspect=Fraction(aspect))
+        target = making.write_video(tmp_path / f"out{suffix}", pictures, info)
+        video = open_video(target)
+        assert video.info.sample_aspect == Fraction(aspect)
+        assert len(list(video)) == 2
+        assert not caplog.records
 
     @pytest.mark.parametrize("size", [(1, 1), (1, 9), (16, 3), (3, 16), (2, 2)])
     def test_small_and_odd_sizes(self, tmp_path: Path, size: tuple[int, int]) -> None:
@@ -132,7 +140,7 @@ class TestColour:
         assert read.full_range == full_range
         if suffix == ".mp4":
             assert (read.primaries, read.transfer) == (primaries, transfer)
-            assert read.matrix == (matrix if matrix not in (0, 2) else 6)
+            assert read.matrix == (matrix or 6)
 
     def test_mkv_is_lossless(self, tmp_path: Path) -> None:
         noise = np.random.default_rng(1).integers(0, 256, (33, 47, 3), np.uint8)

@@ -1,0 +1,96 @@
+"""The chunk "meta": titles, languages and chapters of the source (spec section "Metadata")."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+from gsvrcodec.errors import CorruptError
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """A named part of the film."""
+
+    start: Fraction  #: seconds, on the clock of the frames' timestamps
+    stop: Fraction  #: seconds, not part of it
+    tags: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamTags:
+    """What a source says about one of its streams."""
+
+    tags: Mapping[str, str] = field(default_factory=dict)  #: language, title and so on
+    disposition: int = 0  #: FFmpeg's flags: 1 = default, 64 = forced, ...
+
+
+@dataclass(frozen=True, slots=True)
+class Tags:
+    """What a source says about itself."""
+
+    film: Mapping[str, str] = field(default_factory=dict)  #: of the whole file: title, artist, ...
+    video: StreamTags = field(default_factory=StreamTags)
+    streams: tuple[StreamTags, ...] = ()  #: one for each chunk "strm", in the order of the file
+    chapters: tuple[Chapter, ...] = ()
+
+    def to_bytes(self) -> bytes:
+        """The payload of the chunk."""
+        return json.dumps(
+            {
+                "film": dict(self.film),
+                "video": _stream_to_json(self.video),
+                "streams": [_stream_to_json(stream) for stream in self.streams],
+                "chapters": [
+                    {
+                        "start": [part.start.numerator, part.start.denominator],
+                        "stop": [part.stop.numerator, part.stop.denominator],
+                        "tags": dict(part.tags),
+                    }
+                    for part in self.chapters
+                ],
+            },
+            ensure_ascii=False,
+        ).encode()
+
+
+def parse_tags(payload: bytes) -> Tags:
+    """Read the payload of a chunk "meta".
+
+    Raises:
+        CorruptError: it is not JSON, or a known key holds something else than it should.
+    """
+    try:
+        value = json.loads(payload.decode("utf-8"))
+        return Tags(
+            film=_strings(value.get("film", {})),
+            video=_stream_from_json(value.get("video", {})),
+            streams=tuple(_stream_from_json(stream) for stream in value.get("streams", [])),
+            chapters=tuple(
+                Chapter(Fraction(*part["start"]), Fraction(*part["stop"]), _strings(part["tags"]))
+                for part in value.get("chapters", [])
+            ),
+        )
+    except (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, RecursionError):
+        raise CorruptError("metadata that does not keep to the format", chunk="meta") from None
+
+
+def _stream_to_json(stream: StreamTags) -> dict[str, Any]:
+    return {"tags": dict(stream.tags), "disposition": stream.disposition}
+
+
+def _stream_from_json(value: dict[str, Any]) -> StreamTags:
+    disposition = value.get("disposition", 0)
+    if not isinstance(disposition, int) or not 0 <= disposition < 2**31:
+        raise ValueError("a disposition is a set of flags")
+    return StreamTags(_strings(value.get("tags", {})), disposition)
+
+
+def _strings(value: Any) -> dict[str, str]:
+    """Return `value` if it maps text to text."""
+    if not all(isinstance(text, str) for pair in value.items() for text in pair):
+        raise ValueError("tags are text")
+    return dict(value)

@@ -1,0 +1,162 @@
+"""Copied streams on their way from a .gsvr file into a container, beside the video."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Sequence
+from fractions import Fraction
+from itertools import islice
+from math import lcm
+from typing import Any
+
+import av
+from av.container import InputContainer, OutputContainer
+from av.stream import Stream
+
+from gsvrcodec.container.tags import StreamTags
+from gsvrcodec.video.probe import demuxed
+from gsvrcodec.video.streams import FORMATS, place
+from gsvrcodec.video.tags import write_stream_tags
+from gsvrcodec.video.timing import Span
+
+_log = logging.getLogger(__name__)
+
+
+class StreamCopies:
+    """Reads copied streams and writes them, in step with the video, into one output."""
+
+    def __init__(self, streams: Sequence[tuple[StreamTags, bytes]], span: Span) -> None:
+        """Open the streams.
+
+        Args:
+            streams: what each is, and a container with nothing else, as `copy_streams` makes it.
+            span: packets that lie outside are left out.
+        """
+        self._copies: list[_Copy] = []
+        for tags, payload in streams:
+            try:
+                self._copies.append(_Copy(payload, tags, span))
+            except (av.FFmpegError, ValueError, IndexError) as error:
+                _log.warning("a copied stream cannot be read and is left out: %s", error)
+
+    def timescale(self, video: int, largest: int) -> int:
+        """Return the ticks a second that hit the times of all streams; `video` if too many."""
+        common = lcm(video, *(copy.rate for copy in self._copies))
+        return common if common <= largest else video
+
+    def add_to(self, output: OutputContainer) -> None:
+        """Add the streams to an output, before its first packet; warn of those it cannot take."""
+        refused = [copy for copy in self._copies if not copy.fits(output.format.name)]
+        if refused:
+            what = ", ".join(copy.description for copy in refused)
+            _log.warning("%s cannot hold these streams: %s; left out", output.format.name, what)
+        self._copies = [copy for copy in self._copies if copy not in refused]
+        for copy in self._copies:
+            copy.add_to(output)
+
+    def write(self, until: Fraction | None = None) -> None:
+        """Write the packets that start before `until` seconds; None = the rest."""
+        for copy in self._copies:
+            copy.write(until)
+
+    def close(self) -> None:
+        """Let go of the streams."""
+        for copy in self._copies:
+            copy.close()
+
+
+class _Copy:
+    """One stream."""
+
+    def __init__(self, payload: bytes, tags: StreamTags, span: Span) -> None:
+        self._payload = payload
+        self._container = _opened(payload)
+        self._source = self._container.streams[0]
+        if self._source.type not in ("audio", "subtitle") or self._source.codec_context is None:
+            raise ValueError(f"a stream of {self._source.type} that is not known")
+        self._tags = tags
+        self._packets = (
+            packet for packet in demuxed(self._container, [self._source]) if place(packet, span)
+        )
+        self._next = next(self._packets, None)
+        self._output: OutputContainer | None = None
+        self._target: Stream | None = None
+
+    @property
+    def description(self) -> str:
+        """The stream in words."""
+        return f"{self._source.type} ({self._source.codec_context.name})"
+
+    @property
+    def rate(self) -> int:
+        """Ticks a second that its times are multiples of."""
+        base = self._source.time_base
+        return base.denominator if base else 1
+
+    def fits(self, container: str) -> bool:
+        """Return whether a container takes the stream; some say no at the very end."""
+        try:
+            with (
+                _opened(self._payload) as source,
+                av.open(io.BytesIO(), "w", format=container) as trial,
+            ):
+                target = trial.add_stream_from_template(source.streams[0])
+                trial.start_encoding()
+                for packet in islice(demuxed(source, [source.streams[0]]), 1):
+                    packet.stream = target
+                    trial.mux(packet)
+        except (av.FFmpegError, ValueError) as error:
+            _log.debug("%s: %s", self.description, error)
+            return False
+        return True
+
+    def add_to(self, output: OutputContainer) -> None:
+        """Add the stream, unless it has no packet."""
+        if self._next is not None:
+            self._output = output
+            self._target = output.add_stream_from_template(self._source)
+            write_stream_tags(self._tags, self._target)
+
+    def write(self, until: Fraction | None) -> None:
+        """Write the packets that start before `until` seconds; None = the rest."""
+        while self._next is not None and (until is None or _start(self._next) < until):
+            packet, self._next = self._next, next(self._packets, None)
+            assert self._output is not None
+            assert self._target is not None
+            packet.stream = self._target
+            try:
+                self._output.mux(packet)
+            except av.FFmpegError as error:
+                _log.warning("%s breaks off: %s", self.description, error.strerror)
+                self._next = None
+
+    def close(self) -> None:
+        """Let go of the stream."""
+        self._container.close()
+
+
+def _start(packet: av.Packet[Any]) -> Fraction:
+    """Return when a packet is due, seconds."""
+    ticks = packet.pts if packet.dts is None else packet.dts
+    return (ticks or 0) * packet.time_base
+
+
+def _opened(payload: bytes) -> InputContainer:
+    """Open the container of one stream."""
+    return av.open(io.BytesIO(payload), "r", format=_demuxer(payload))
+
+
+def _demuxer(payload: bytes) -> str:
+    """Return FFmpeg's name for the container; no other may read what comes from a file.
+
+    Raises:
+        ValueError: it is none of those that streams are kept in.
+    """
+    if payload[4:8] == b"ftyp":
+        return FORMATS["mp4"]
+    if payload.startswith(b"\x1aE\xdf\xa3"):
+        return FORMATS["matroska"]
+    if payload.startswith(b"nut/multimedia container\0"):
+        return FORMATS["nut"]
+    raise ValueError("it is neither MP4 nor Matroska nor NUT")

@@ -1,0 +1,246 @@
+"""Sound and subtitles of a source, copied packet for packet into small files of their own.
+
+A stream goes into the first container that gives all of it back as it was: same bytes, same times.
+"""
+
+from __future__ import annotations
+
+import logging
+import mmap
+import os
+import tempfile
+from array import array
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
+from operator import ne
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import av
+from av.audio.stream import AudioStream
+from av.subtitles.stream import SubtitleStream
+
+from gsvrcodec.container.tags import StreamTags
+from gsvrcodec.video.probe import demuxed, opened
+from gsvrcodec.video.tags import stream_tags
+from gsvrcodec.video.timing import Span
+
+_log = logging.getLogger(__name__)
+
+#: Demuxer of each container that a stream may be kept in.
+FORMATS = {"mp4": "mov", "mov": "mov", "matroska": "matroska", "nut": "nut"}
+
+_MILLISECOND = Fraction(1, 1000)
+_MAX_TIMESCALE = 2**31 - 1
+
+#: What MP4's subtitles hold between two lines; its muxer fills every gap with it.
+_NO_LINE = b"\0\0"
+
+_Stream = AudioStream | SubtitleStream
+
+#: Times off by more than a millisecond, packets changed, seconds that times are off, extras lost.
+_Difference = tuple[bool, int, Fraction, int]
+
+
+@dataclass(frozen=True, slots=True)
+class CopiedStream:
+    """One stream of the source, in a container of its own."""
+
+    kind: str  #: "audio" or "subtitle"
+    codec: str  #: FFmpeg's name
+    tags: StreamTags
+    payload: mmap.mmap  #: the container; unmapped when nothing refers to it
+
+
+def copy_streams(
+    path: str | os.PathLike[str], kinds: Collection[str], span: Span
+) -> Iterator[CopiedStream]:
+    """Yield the streams of the chosen kinds, in the order of the source.
+
+    Args:
+        path: any file that FFmpeg reads.
+        kinds: "audio", "subtitle" or both.
+        span: packets that lie outside are left out, times stay what they were.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = Path(path)
+    with opened(path) as (container, _), ExitStack() as files:
+        indices = [stream.index for stream in container.streams if stream.type in kinds]
+        copies: dict[int, _Copy] = {}
+        for choice in range(len(FORMATS)):
+            left = [index for index in indices if index not in copies or not copies[index].exact]
+            for index, copy in _attempt(path, left, choice, span, files).items():
+                if index not in copies or copy.difference < copies[index].difference:
+                    copies[index] = copy
+        for index in indices:
+            if index not in copies:
+                kind = container.streams[index].type
+                _log.warning("%s: stream %d (%s) cannot be copied: left out", path, index, kind)
+            elif copies[index].packets:
+                yield copies[index].result()
+
+
+def _attempt(
+    path: Path, indices: list[int], choice: int, span: Span, files: ExitStack
+) -> dict[int, _Copy]:
+    """Copy streams, each into the container that is its `choice`th; return those that worked."""
+    copies: dict[int, _Copy] = {}
+    if not indices:
+        return copies
+    with opened(path) as (container, _):
+        for index in indices:
+            stream = container.streams[index]
+            assert isinstance(stream, AudioStream | SubtitleStream)
+            try:
+                file = files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115
+                copies[index] = _Copy(stream, _order(stream)[choice], file)
+            except (av.FFmpegError, ValueError) as error:
+                _log.debug("stream %d: %s", index, error)
+        wanted = [container.streams[index] for index in copies]
+        for packet in demuxed(container, wanted):
+            copy = copies.get(packet.stream.index)
+            if copy is not None and place(packet, span):
+                try:
+                    copy.add(packet)
+                except (av.FFmpegError, ValueError) as error:
+                    _log.debug("stream %d: %s", packet.stream.index, error)
+                    del copies[packet.stream.index]
+        return {index: copy for index, copy in copies.items() if copy.finish()}
+
+
+def _order(stream: _Stream) -> list[str]:
+    """Return the containers for a stream, the likeliest first."""
+    names = list(FORMATS)
+    if stream.time_base == _MILLISECOND:  # it comes from a Matroska file, or the like
+        names.sort(key=lambda name: name != "matroska")
+    return names
+
+
+def place(packet: av.Packet[_Stream], span: Span) -> bool:
+    """Return whether a packet is wanted; a subtitle that reaches out of the span is shortened."""
+    pts = packet.dts if packet.pts is None else packet.pts
+    if pts is None:
+        return True  # no container takes it, and that is what the caller then says
+    base, duration = packet.time_base, packet.duration or 0
+    if not span.overlaps(pts * base, (pts + duration) * base):
+        return False
+    if packet.stream.type == "subtitle" and duration:
+        start, stop = span.clipped(pts * base, (pts + duration) * base)
+        packet.pts = packet.dts = round(start / base)
+        packet.duration = round(stop / base) - packet.pts
+    return True
+
+
+class _Copy:
+    """One stream on its way into a container in a temporary file."""
+
+    def __init__(self, stream: _Stream, container: str, file: BinaryIO) -> None:
+        """Open a `container` for packets of `stream` in `file`.
+
+        Raises:
+            FFmpegError, ValueError: it does not take the codec.
+        """
+        self._kind, self._codec = stream.type, stream.codec_context.name
+        self._tags = stream_tags(stream)
+        self._demuxer = FORMATS[container]
+        self._file = file
+        options = {"fflags": "+bitexact"}  # the same stream, the same bytes
+        if container == "matroska":
+            options["avoid_negative_ts"] = "disabled"
+        if container in ("mp4", "mov") and stream.time_base is not None:
+            options["movie_timescale"] = str(min(stream.time_base.denominator, _MAX_TIMESCALE))
+        self._output = av.open(self._file, "w", format=container, container_options=options)
+        self._stream = self._output.add_stream_from_template(stream)
+        self._output.start_encoding()
+        self.packets = _Packets(stream.time_base or _MILLISECOND)
+        self.difference: _Difference = (False, 0, Fraction(0), 0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the container gave everything back as it was."""
+        return not any(self.difference)
+
+    def add(self, packet: av.Packet[_Stream]) -> None:
+        """Write a packet; raises what `av` does if it cannot be."""
+        self.packets.add(packet)
+        packet.stream = self._stream
+        self._output.mux(packet)
+
+    def finish(self) -> bool:
+        """Close the container and compare what it holds; return whether it can be read."""
+        if not self.packets:
+            return True
+        try:
+            self._output.close()
+            self._file.seek(0)
+            with av.open(self._file, "r", format=self._demuxer) as container:
+                stream = container.streams[0]
+                found = _Packets(stream.time_base or _MILLISECOND)
+                for packet in demuxed(container, [stream]):
+                    found.add(packet)
+        except (av.FFmpegError, ValueError) as error:
+            _log.debug("a copied stream cannot be read back: %s", error)
+            return False
+        self.difference = _difference(self._kind, self.packets, found)
+        return len(found) == len(self.packets)
+
+    def result(self) -> CopiedStream:
+        """Return the copy."""
+        out_of_step, changed, _, _ = self.difference
+        if out_of_step:
+            _log.warning("a stream of %s is kept out of step with the picture", self._codec)
+        if changed:
+            _log.warning("a stream of %s is kept in another form than its source's", self._codec)
+        payload = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        return CopiedStream(self._kind, self._codec, self._tags, payload)
+
+
+class _Packets:
+    """What of each packet must come back, in a few bytes, for there may be many."""
+
+    def __init__(self, base: Fraction) -> None:
+        """Start with none; `base` is seconds a tick."""
+        self.base = base
+        self.data = array("q")  #: hash of its bytes
+        self.extras = array("q")  #: hash of what goes with them, such as samples to skip
+        self.start = array("q")  #: ticks
+        self.duration = array("q")  #: ticks
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.data)
+
+    def add(self, packet: av.Packet[Any]) -> None:
+        """Take note of a packet."""
+        content = bytes(packet)
+        if content == _NO_LINE and packet.stream.codec_context.name == "mov_text":
+            return
+        sides = tuple((side.data_type, bytes(side)) for side in packet.iter_sidedata())
+        self.data.append(hash(content))
+        self.extras.append(hash(sides))
+        self.start.append((packet.dts if packet.pts is None else packet.pts) or 0)
+        self.duration.append(packet.duration or 0)
+
+
+def _difference(kind: str, old: _Packets, new: _Packets) -> _Difference:
+    """Return what a container changed: the worst first, so that differences can be compared.
+
+    The duration of a packet counts for subtitles only: sound knows by itself how long it lasts.
+    """
+    fine = Fraction(1, lcm(old.base.denominator, new.base.denominator))
+    old_scale, new_scale = int(old.base / fine), int(new.base / fine)
+    pairs = list(zip(old.start, new.start, strict=False))
+    if kind == "subtitle":
+        pairs += zip(old.duration, new.duration, strict=False)
+    off = max((abs(a * old_scale - b * new_scale) for a, b in pairs), default=0) * fine
+    return (
+        off > _MILLISECOND,
+        sum(map(ne, old.data, new.data)),
+        off,
+        sum(map(ne, old.extras, new.extras)),
+    )
