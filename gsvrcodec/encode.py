@@ -2,54 +2,55 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import closing, suppress
+from dataclasses import asdict, replace
+from fractions import Fraction
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from gsvrcodec.container.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.container.header import Header
+from gsvrcodec.container.tags import Tags
 from gsvrcodec.container.writer import GsvrWriter
-from gsvrcodec.errors import NotAVideoError
-from gsvrcodec.files import atomic_output, check_output
+from gsvrcodec.errors import InputError, NotAVideoError, UsageError
+from gsvrcodec.files import check_output, fingerprint, gathered_output, is_stream
 from gsvrcodec.fit.flow import flow_estimator
-from gsvrcodec.fit.gop import GopTask, encode_gop
-from gsvrcodec.fit.plan import allocate
+from gsvrcodec.fit.gop import FRAME_VISITS, GopTask
+from gsvrcodec.fit.plan import Budget, longest_gop, plan
 from gsvrcodec.fit.settings import EncodeSettings
-from gsvrcodec.fit.slicing import analyse, slice_gops
-from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader, open_video
+from gsvrcodec.fit.slicing import Step, analyse, slice_gops
+from gsvrcodec.parts import Parts
+from gsvrcodec.render.device import choose_device
+from gsvrcodec.results import EncodeResult, GopStats, Meter, Progress
+from gsvrcodec.verify import verify_file
+from gsvrcodec.versions import versions
+from gsvrcodec.video import (
+    Extras,
+    Rgb,
+    SourceFrame,
+    Span,
+    VideoInfo,
+    VideoReader,
+    open_video,
+    read_extras,
+    reading_options,
+    rereadable,
+)
+from gsvrcodec.workers import FittedGop, fit_gops, processes, starts
 
+__all__ = ["EncodeResult", "GopStats", "Progress", "encode"]
 
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """State of an encode after a GOP, or before the first (`gop` 0)."""
-
-    gop: int  #: GOPs done
-    gops: int  #: GOPs in all
-    frames_done: int
-    frames: int  #: in all
-    psnr: float | None  #: dB, mean of the frames done; None = none yet
-    seconds_per_frame: float | None  #: wall time so far over frames done
-    eta_seconds: float | None  #: wall time still to go
-
-
-@dataclass(frozen=True, slots=True)
-class EncodeResult:
-    """What an encode came to."""
-
-    path: Path
-    frames: int
-    gops: int
-    gaussians: int  #: in all GOPs
-    bytes: int  #: of the file
-    bpp: float  #: bits a pixel and frame, the whole file
-    psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded
-    float_psnr: float  #: dB, the same before quantisation
-    seconds: float  #: wall time
+#: Roughly what a step of the fit takes for each pixel of its frame.
+_VISIT_SECONDS = 15e-9
 
 
 def encode(
@@ -57,126 +58,243 @@ def encode(
     dst: str | os.PathLike[str],
     *,
     overwrite: bool = False,
+    resume: bool = False,
+    verify: bool = False,
     progress: Callable[[Progress], None] | None = None,
     **settings: Any,
 ) -> EncodeResult:
     """Encode a video file as a .gsvr file.
 
     The source is read twice, frame by frame: once for its motion, once to be fitted. `dst`
-    appears when it is whole.
+    appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
-        src: any video that FFmpeg reads.
+        src: any video that FFmpeg reads, numbered pictures such as in_%04d.png, or "-" = the
+            standard input.
         dst: path of the .gsvr file.
-        overwrite: replace `dst` if it exists.
-        progress: called after each GOP.
+        overwrite: replace `dst` if it exists, and what an interrupted encode has left of it.
+        resume: go on with what an interrupted encode has left, if anything; the file will be the
+            same as if there had been no interruption, unless there is a time budget.
+        verify: read the source once more, and compare what was written with it.
+        progress: called before the first GOP and after each.
         **settings: fields of `EncodeSettings`.
 
     Raises:
+        DeviceError: the GPU that was asked for is not usable, or its memory does not suffice.
         UsageError: settings contradict each other or do not fit the video.
         InputError: `src` cannot be read; NotAVideoError: it has no video.
-        OutputError: `dst` cannot be written.
+        OutputError: `dst` cannot be written, or what is left of it does not fit.
+        WorkerError: a process died.
+        VerificationError: what was written is not what was encoded.
     """
     began = time.perf_counter()
     chosen = EncodeSettings(**settings)
+    chosen = replace(chosen, device=choose_device(chosen.device))
     check_output(dst, overwrite=overwrite, source=src)
-    with open_video(
-        src, crop=chosen.crop, start_frame=chosen.start_frame, frames=chosen.frames
-    ) as video:
-        size = (video.info.width, video.info.height)
-        steps = analyse((frame.rgb for frame in video), flow_estimator(chosen.flow))
-        gops = slice_gops(steps, chosen.gop, minimum=chosen.gop_min, maximum=chosen.gop_max)
+    source = fingerprint(src)
+    beside = Path(dst) if source and not is_stream(dst) else None
+    if resume and beside is None:
+        raise UsageError("--resume needs an input that can be read again and an output on a disk")
+    begun_with = {"versions": versions(), **source, "settings": chosen.recorded()}
+    with (
+        rereadable(src) as path,
+        open_video(path, **reading_options(asdict(chosen))) as video,
+        Parts(beside, begun_with, resume=resume, restart=overwrite) as parts,
+    ):
+        steps, shown = _analysis(video, chosen, parts)
+        size = video.info.width, video.info.height
+        duration = float((shown[1] - shown[0]) * video.info.time_base)
+        longest = longest_gop(steps, size, chosen, seconds=duration)
+        gops = slice_gops(steps, chosen.gop, minimum=chosen.gop_min, maximum=longest)
         if not gops:
             raise NotAVideoError(f"{src} has no video frames")
-        gaussians = allocate(gops, size, chosen)
-        frames = gops[-1].stop
-        state = Progress(0, len(gops), 0, frames, None, None, None)
-        psnr = float_psnr = 0.0
-        with atomic_output(dst, overwrite=overwrite) as path, path.open("w+b") as file:
-            writer = GsvrWriter(file, _header(video.info))
-            writer.add_auxiliary(b"sett", json.dumps(chosen.recorded()).encode())
-            _report(progress, state)
-            for gop, count, shots in zip(gops, gaussians, _by_gop(video, gops), strict=True):
-                seconds = _seconds(chosen, began, frames, gop)
-                done = encode_gop(_task(shots, gop, count, chosen, seconds))
-                writer.add_gop(done.payload)
-                psnr += done.psnr * len(gop)
-                float_psnr += done.float_psnr * len(gop)
-                state = _advance(state, len(gop), psnr / gop.stop, time.perf_counter() - began)
-                _report(progress, state)
-            writer.close()
-            size_bytes = writer.size
+        span = _span(shown, video.info.time_base, chosen)
+        extras = read_extras(path, chosen.copied_kinds, span)
+        overhead = _begin(io.BytesIO(), video.info, chosen, extras).final_size(len(gops), 0)
+        budgets = plan(
+            gops,
+            steps,
+            size,
+            chosen,
+            seconds=duration,
+            overhead=overhead,
+            streams=extras.streams_bytes,
+        )
+        missing = [gop for gop in gops if gop not in parts]
+        workers, threads = _processes(missing, size, chosen)
+        tasks = _tasks(video, gops, budgets, chosen, parts, workers, began)
+        meter = Meter(gops, parts, began, progress)
+        meter.report()
+        with closing(fit_gops(tasks, workers, threads)) as fitted:
+            for done in fitted:
+                _keep(done, parts)
+                meter.report()
+        with gathered_output(dst, overwrite=overwrite) as path:
+            with path.open("w+b") as file:
+                writer = _begin(file, video.info, chosen, extras)
+                for gop in gops:
+                    writer.add_gop(parts.payload(gop))
+                for stream in extras.streams:
+                    writer.add_auxiliary(STREAMS_TYPE, stream.payload)
+                writer.close()
+            if verify:
+                quality = {gop.start: parts.facts(gop)["psnr"] for gop in gops}
+                verify_file(path, video, quality, threads)
+        stats = _stats(gops, steps, writer, parts)
+    frames = gops[-1].stop
     return EncodeResult(
         path=Path(dst),
         frames=frames,
         gops=len(gops),
-        gaussians=sum(gaussians),
-        bytes=size_bytes,
-        bpp=8 * size_bytes / (frames * size[0] * size[1]),
-        psnr=psnr / frames,
-        float_psnr=float_psnr / frames,
+        gaussians=sum(gop.gaussians for gop in stats),
+        bytes=writer.size,
+        bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),
+        psnr=sum(gop.psnr * gop.frames for gop in stats) / frames,
+        float_psnr=sum(gop.float_psnr * gop.frames for gop in stats) / frames,
         seconds=time.perf_counter() - began,
+        gop_stats=stats,
     )
 
 
-def _header(info: VideoInfo) -> Header:
-    return Header(
+def _analysis(
+    video: VideoReader, settings: EncodeSettings, parts: Parts
+) -> tuple[list[Step], tuple[int, int]]:
+    """Every frame as `analyse` measures it, and from when to when all are shown, ticks."""
+    kept = parts.analysis
+    with suppress(TypeError, KeyError):  # what is not there, or of another shape, is made anew
+        return [Step(**step) for step in kept["steps"]], (kept["shown"][0], kept["shown"][1])
+    shown = [0, 0]
+
+    def pictures() -> Iterator[Rgb]:
+        for number, frame in enumerate(video):
+            shown[:] = shown[0] if number else frame.pts, frame.pts + frame.duration
+            yield frame.rgb
+
+    steps = list(analyse(pictures(), flow_estimator(settings.flow)))
+    parts.keep_analysis({"shown": shown, "steps": [asdict(step) for step in steps]})
+    return steps, (shown[0], shown[1])
+
+
+def _span(shown: tuple[int, int], time_base: Fraction, settings: EncodeSettings) -> Span:
+    """The time to keep of sound and subtitles: all of it at an end where no frame is cut off."""
+    return Span(
+        shown[0] * time_base
+        if settings.start_frame or settings.start_seconds is not None
+        else None,
+        shown[1] * time_base if settings.frames or settings.stop_seconds is not None else None,
+    )
+
+
+def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Extras) -> GsvrWriter:
+    """Write all that comes before the first GOP."""
+    header = Header(
         width=info.width,
         height=info.height,
         time_base=info.time_base,
         sample_aspect=info.sample_aspect,
         rotation=info.rotation,
+        mirrored=info.mirrored,
         bit_depth=info.bit_depth,
         colour=info.colour,
     )
+    writer = GsvrWriter(file, header)
+    writer.add_auxiliary(SETTINGS_TYPE, json.dumps(settings.recorded()).encode())
+    if extras.tags != Tags():
+        writer.add_auxiliary(METADATA_TYPE, extras.tags.to_bytes())
+    return writer
 
 
-def _by_gop(video: VideoReader, gops: Sequence[range]) -> Iterator[list[SourceFrame]]:
-    """Frames of one GOP after another; only one GOP is held."""
-    frames = iter(video)
-    for gop in gops:
-        yield [next(frames) for _ in gop]
+def _processes(
+    gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
+) -> tuple[int, int]:
+    """Processes and threads to encode these GOPs with."""
+    frames, pixels = [len(gop) for gop in gops], size[0] * size[1]
+    pace = settings.time_budget or _VISIT_SECONDS * FRAME_VISITS[settings.preset] * pixels
+    return processes(
+        # One process keeps a GPU busy.
+        settings.workers or int(settings.device != "cpu"),
+        settings.threads,
+        gops=len(gops),
+        gop_bytes=3 * pixels * max(frames, default=0),
+        seconds=pace * sum(frames),
+    )
+
+
+def _tasks(
+    video: VideoReader,
+    gops: Sequence[range],
+    budgets: Sequence[Budget],
+    settings: EncodeSettings,
+    parts: Parts,
+    workers: int,
+    began: float,
+) -> Iterator[GopTask]:
+    """What is still to be fitted, read when it is asked for."""
+    missing = [gop for gop in gops if gop not in parts]
+    turns, end = starts([len(gop) for gop in missing], workers)
+    turn_of = dict(zip(missing, turns, strict=True))
+    whole = sum(map(len, missing))
+    shots = iter(video)
+    for gop, budget in zip(gops, budgets, strict=True):
+        if gop not in turn_of:
+            deque(islice(shots, len(gop)), maxlen=0)
+            continue
+        seconds = None
+        if settings.time_budget is not None:
+            # A share of what is left, in proportion to its frames and those that wait for it.
+            left = settings.time_budget * whole - (time.perf_counter() - began)
+            seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
+        yield _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
 
 
 def _task(
-    shots: list[SourceFrame],
+    info: VideoInfo,
+    shots: Iterator[SourceFrame],
     gop: range,
-    gaussians: int,
+    budget: Budget,
     settings: EncodeSettings,
     seconds: float | None,
 ) -> GopTask:
+    frames = np.empty((len(gop), info.height, info.width, 3), np.uint8)
+    times = np.empty((2, len(gop)), np.int64)
+    found = 0
+    for found, shot in enumerate(shots, 1):
+        frames[found - 1] = shot.rgb
+        times[:, found - 1] = shot.pts, shot.duration
+    if found < len(gop):
+        raise InputError(f"{info.path} became shorter while it was read")
     return GopTask(
-        frames=np.stack([shot.rgb for shot in shots]),
-        pts=np.array([shot.pts for shot in shots], np.int64),
-        durations=np.array([shot.duration for shot in shots], np.int64),
+        frames=frames,
+        pts=times[0],
+        durations=times[1],
         first_frame=gop.start,
-        gaussians=gaussians,
         settings=settings,
         seconds=seconds,
+        **asdict(budget),
     )
 
 
-def _seconds(settings: EncodeSettings, began: float, frames: int, gop: range) -> float | None:
-    """This GOP's share of the wall time that is left of the budget."""
-    if settings.time_budget is None:
-        return None
-    left = settings.time_budget * frames - (time.perf_counter() - began)
-    return max(0.0, left) * len(gop) / (frames - gop.start)
+def _keep(done: FittedGop, parts: Parts) -> None:
+    """Put a finished GOP on the disk."""
+    gop = done.gop
+    facts = {"psnr": gop.psnr, "float_psnr": gop.float_psnr, "seconds": done.seconds}
+    parts.add(done.frames, facts, gop.payload)
 
 
-def _advance(state: Progress, frames: int, psnr: float, elapsed: float) -> Progress:
-    done = state.frames_done + frames
-    pace = elapsed / done
-    return replace(
-        state,
-        gop=state.gop + 1,
-        frames_done=done,
-        psnr=psnr,
-        seconds_per_frame=pace,
-        eta_seconds=pace * (state.frames - done),
+def _stats(
+    gops: Sequence[range], steps: Sequence[Step], writer: GsvrWriter, parts: Parts
+) -> tuple[GopStats, ...]:
+    pixels = writer.header.width * writer.header.height
+    return tuple(
+        GopStats(
+            first_frame=gop.start,
+            frames=len(gop),
+            cut=steps[gop.start].cut,
+            motion=sum(step.motion for step in steps[gop.start : gop.stop]),
+            gaussians=entry.gaussians,
+            bytes=entry.chunk.size,
+            bpp=8 * entry.chunk.size / (len(gop) * pixels),
+            **parts.facts(gop),
+        )
+        for gop, entry in zip(gops, writer.gops, strict=True)
     )
-
-
-def _report(progress: Callable[[Progress], None] | None, state: Progress) -> None:
-    if progress is not None:
-        progress(state)

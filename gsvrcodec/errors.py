@@ -19,6 +19,20 @@ class OutputError(GsvrError, OSError):
     """The output exists, is the input, or cannot be written."""
 
 
+class WorkerError(GsvrError, RuntimeError):
+    """A process that encoded a GOP died."""
+
+
+class DeviceError(GsvrError, RuntimeError):
+    """The GPU that was asked for is not usable, or its memory does not suffice."""
+
+
+class VerificationError(GsvrError, ValueError):
+    """What was written does not decode to what was encoded."""
+
+    exit_code: ClassVar[int] = 6
+
+
 class UsageError(GsvrError, ValueError):
     """Options that contradict each other or do not fit the input."""
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import secrets
+import shutil
+import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from gsvrcodec.errors import GsvrError, InputError, OutputError
+
+#: At the start and at the end of a file, read for its fingerprint.
+_DIGESTED_BYTES = 2**20
 
 
 def check_input(path: str | os.PathLike[str]) -> Path:
@@ -31,13 +40,15 @@ def check_output(
     overwrite: bool = False,
     source: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Return `path` if it may be written.
+    """Return `path` if it may be written, as "-", the standard output, always may.
 
     Raises:
         OutputError: it is a directory, its directory is missing, it exists and `overwrite` is
             not set, or it is the same file as `source`, through links or not.
     """
     path = Path(path)
+    if str(path) == "-":
+        return path
     try:
         if source is not None and path.exists() and path.samefile(source):
             raise OutputError(f"{path} is the input itself; choose another output")
@@ -66,12 +77,12 @@ def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
     """
     path = check_output(path, overwrite=overwrite)
     if path.exists() and not path.is_file():
-        with _named(path):
+        with named(path):
             yield path
         return
     target = path.resolve()  # a link keeps pointing at what it pointed at
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
-    with _named(path):
+    with named(path):
         try:
             with partial.open("xb"):
                 pass
@@ -85,8 +96,124 @@ def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
                 partial.unlink(missing_ok=True)
 
 
+def remove_partials(path: Path) -> None:
+    """Remove what killed programs have left under the temporary names of `atomic_output`."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.part")
+    for each in path.parent.iterdir():
+        if name.fullmatch(each.name):
+            with suppress(OSError):
+                each.unlink()
+
+
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def gathered_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
+    """As `atomic_output`, but a pipe, a device or "-" gets its bytes when they are all there.
+
+    "-" is the standard output.
+    """
+    if not is_stream(path):
+        with atomic_output(path, overwrite=overwrite) as partial:
+            yield partial
+        return
+    with tempfile.TemporaryDirectory() as directory:
+        gathered = Path(directory) / "gathered"
+        yield gathered
+        with gathered.open("rb") as file, named(path):
+            if os.fspath(path) == "-":
+                shutil.copyfileobj(file, sys.stdout.buffer)
+                sys.stdout.buffer.flush()
+            else:
+                with Path(path).open("wb") as output:
+                    shutil.copyfileobj(file, output)
+
+
+def is_stream(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a path is the standard input or output, "-", a pipe or a device."""
+    path = Path(path)
+    return str(path) == "-" or (path.exists() and not path.is_file() and not path.is_dir())
+
+
+def fingerprint(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what tells a file from another, or from itself after a change, without reading it all.
+
+    A numbered sequence such as `frame_%04d.png` has one too. What can be read only once, or is
+    not there, has none: the dictionary is empty.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    path = Path(path)
+    files = [path] if path.is_file() else _sequence(path)
+    digest = hashlib.sha256()
+    total = modified = 0
+    try:
+        for each in files:
+            with each.open("rb") as file:
+                status = os.fstat(file.fileno())
+                digest.update(file.read(_DIGESTED_BYTES))
+                file.seek(max(file.tell(), status.st_size - _DIGESTED_BYTES))
+                digest.update(file.read(_DIGESTED_BYTES))
+            total += status.st_size
+            modified = max(modified, status.st_mtime_ns)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {_reason(error)}") from error
+    if not files:
+        return {}
+    return {
+        "input_files": len(files),
+        "input_bytes": total,
+        "input_modified_ns": modified,
+        "input_sha256": digest.hexdigest(),
+    }
+
+
+def _sequence(path: Path) -> list[Path]:
+    """Return the files of a numbered sequence, in some order that is always the same."""
+    parts = re.split(r"%\d*d", path.name)
+    if len(parts) != 2 or not path.parent.is_dir():
+        return []
+    pattern = re.compile(re.escape(parts[0]) + r"\d+" + re.escape(parts[1]))
+    return sorted(each for each in path.parent.iterdir() if pattern.fullmatch(each.name))
+
+
+def lock(path: Path) -> BinaryIO:
+    """Open a file to read and write, made if it is missing, that no other process has locked.
+
+    Raises:
+        OutputError: another process has it.
+        OSError: it cannot be opened.
+    """
+    while True:
+        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
+        if not _locked(file):
+            file.close()
+            raise OutputError(
+                f"{path} is in use by another process; wait for it, or name another output"
+            )
+        # Its last owner may have removed it between the two lines above.
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return file
+        file.close()
+
+
+def _locked(file: BinaryIO) -> bool:
+    """Lock a file until it is closed, by the end of the process if not before; False = in use."""
+    if sys.platform == "win32":
+        return True  # there an open file cannot be removed, which does as well
+    import fcntl
+
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        pass
+    return True
+
+
+@contextmanager
+def named(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn an `OSError` of the block into an `OutputError` that names `path`."""
     try:
         yield

@@ -136,14 +136,17 @@ class TestProgress:
         assert calls[-1].eta_seconds == 0
         assert all(call.seconds_per_frame for call in calls[1:])
 
-    def test_an_interrupted_encode_leaves_nothing(self, tmp_path: Path) -> None:
+    def test_an_interrupted_encode_leaves_its_parts(self, tmp_path: Path) -> None:
         def interrupt(state: Progress) -> None:
             if state.gop == 1:
                 raise KeyboardInterrupt
 
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt) as caught:
             quick(making.NOISE, tmp_path / "a.gsvr", gop=4, progress=interrupt)
-        assert not list(tmp_path.iterdir())
+        assert caught.value.__notes__ == [
+            f"1 finished GOP is kept in {tmp_path}/a.gsvr.part, --resume goes on from there"
+        ]
+        assert [path.name for path in tmp_path.iterdir()] == ["a.gsvr.part"]
 
     def test_a_failed_encode_keeps_the_old_file(self, tmp_path: Path) -> None:
         def fail(state: Progress) -> None:
@@ -155,6 +158,22 @@ class TestProgress:
             quick(making.NOISE, target, overwrite=True, progress=fail)
         assert target.read_bytes() == b"old"
         assert list(tmp_path.iterdir()) == [target]
+
+
+class TestStats:
+    def test_they_add_up(self, tmp_path: Path) -> None:
+        result = quick(making.ODD, tmp_path / "a.gsvr", gop_min=2, frames=16)
+        first, second = result.gop_stats
+        assert (first.first_frame, second.first_frame) == (0, first.frames)
+        assert first.frames + second.frames == 16
+        assert first.cut
+        assert second.cut
+        assert first.motion >= 0
+        assert sum(gop.gaussians for gop in result.gop_stats) == result.gaussians
+        size = sum(gop.bytes for gop in result.gop_stats)
+        assert result.bytes - 2000 < size < result.bytes
+        assert first.bpp == 8 * first.bytes / (first.frames * 241 * 135)
+        assert all(gop.seconds > 0 for gop in result.gop_stats)
 
 
 class TestRefused:

@@ -17,12 +17,12 @@ ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "limits": {"errors"},
     "files": {"errors"},
-    "metrics": {"numpy"},
+    "metrics": {"numpy", "cv2"},
     "native": {"numpy"},
     "container": {"errors", "limits"},
     "planes": {"errors", "limits", "native", "numpy", "imagecodecs"},
     "model": {"errors", "limits", "container", "planes", "numpy"},
-    "render": {"model", "native", "numpy", "torch"},
+    "render": {"errors", "model", "native", "numpy", "torch", "triton"},
     "video": {"errors", "limits", "files", "container", "numpy", "av"},
     "fit": {
         "errors",
@@ -39,9 +39,39 @@ ALLOWED: dict[str, set[str]] = {
     },
     "frames": {"errors", "limits", "container", "numpy"},
     "gops": {"errors", "limits", "container", "model", "numpy"},
-    "decode": {"errors", "limits", "model", "render", "frames", "gops", "numpy"},
-    "encode": {"errors", "files", "container", "fit", "video", "numpy"},
-    "transcode": {"errors", "limits", "video", "frames", "decode"},
+    "pictures": {"errors", "limits", "model", "render", "numpy"},
+    "decode": {
+        "errors",
+        "limits",
+        "container",
+        "model",
+        "render",
+        "pictures",
+        "frames",
+        "gops",
+        "numpy",
+    },
+    "parts": {"errors", "files", "container"},
+    "results": {"parts"},
+    "versions": {"container", "native", "video"},
+    "workers": {"errors", "fit", "native"},
+    "verify": {"errors", "metrics", "video", "decode", "numpy"},
+    "encode": {
+        "errors",
+        "files",
+        "container",
+        "fit",
+        "render",
+        "video",
+        "parts",
+        "results",
+        "versions",
+        "workers",
+        "verify",
+        "numpy",
+    },
+    "schedule": {"errors", "frames", "decode"},
+    "transcode": {"errors", "limits", "model", "video", "pictures", "schedule", "decode"},
     "report": {
         "errors",
         "limits",
@@ -58,8 +88,11 @@ ALLOWED: dict[str, set[str]] = {
         "errors",
         "files",
         "container",
+        "model",
         "video",
         "fit",
+        "results",
+        "versions",
         "encode",
         "transcode",
         "report",
@@ -68,9 +101,13 @@ ALLOWED: dict[str, set[str]] = {
     },
 }
 
+#: The backend for GPUs.
+_TRITON = {path.name for path in PACKAGE.glob("render/triton/*.py")}
+
 #: Modules of a part that may import a library which the rest of the part may not.
 ONLY_IN = {
-    ("render", "torch"): {"reference.py"},
+    ("render", "torch"): {"reference.py", "device.py", *_TRITON},
+    ("render", "triton"): _TRITON,
     ("report", "matplotlib"): {"plot.py"},
     ("fit", "torchvision"): {"flow.py"},
     ("cli", "fit"): {"enc.py"},
@@ -120,8 +157,8 @@ def test_imports_are_allowed(part: str) -> None:
         if owner != part:
             continue
         for name in imports(path):
-            # The public face is what the commands may ask for the version.
-            if name in (part, "") or (part == "cli" and name == "__version__"):
+            # The public face is what may be asked for the version.
+            if name in (part, "") or (part == "versions" and name == "__version__"):
                 continue
             assert name in ALLOWED[part], f"{path.name} of {part} imports {name}"
             assert path.name in ONLY_IN.get((part, name), {path.name})

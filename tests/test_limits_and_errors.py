@@ -41,12 +41,14 @@ class TestErrors:
         [
             (errors.InputError, 1, OSError),
             (errors.OutputError, 1, OSError),
+            (errors.WorkerError, 1, RuntimeError),
             (errors.UsageError, 2, ValueError),
             (errors.NotAVideoError, 3, ValueError),
             (errors.CorruptError, 3, ValueError),
             (errors.NotGsvrError, 3, ValueError),
             (errors.UnsupportedError, 4, ValueError),
             (errors.LimitError, 4, ValueError),
+            (errors.VerificationError, 6, ValueError),
         ],
     )
     def test_have_their_exit_code_and_resemble_a_builtin(

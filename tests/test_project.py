@@ -32,7 +32,8 @@ def blocks(language: str) -> list[str]:
 
 def options(command: click.Command) -> set[str]:
     """Return every spelling of every option of a command."""
-    return {spelling for option in command.params for spelling in option.opts} | {"--help"}
+    spellings = [(*option.opts, *option.secondary_opts) for option in command.params]
+    return {spelling for both in spellings for spelling in both} | {"--help"}
 
 
 def test_python_example_runs(tmp_path: Path) -> None:
@@ -47,7 +48,8 @@ def test_python_example_runs(tmp_path: Path) -> None:
     )
     assert run.stderr == ""
     assert run.stdout.splitlines()[1] == "320 180 24"
-    assert {path.name for path in tmp_path.iterdir()} == {"samples", "bunny.gsvr", "bunny.mp4"}
+    made = {"bunny.gsvr", "bunny.mp4", "smooth.mp4"}
+    assert {path.name for path in tmp_path.iterdir()} == {"samples", *made}
 
 
 def test_commands_parse() -> None:
@@ -97,5 +99,5 @@ def test_every_dependency_is_pinned_and_explained() -> None:
 
 def test_every_sample_is_attributed() -> None:
     page = (making.SAMPLES / "README.md").read_text("utf-8")
-    clips = {path.name for path in making.SAMPLES.iterdir()} - {"README.md"}
+    clips = {path.name for path in making.SAMPLES.iterdir() if path.is_file()} - {"README.md"}
     assert clips == set(re.findall(r"^\| `([^`]+)`", page, re.MULTILINE))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 import click
 
-import gsvrcodec
 from gsvrcodec.errors import CorruptError, GsvrError, OutputError, UnsupportedError
 from gsvrcodec.files import atomic_output
 
@@ -41,31 +43,32 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
         args: its arguments; None = those of the process.
     """
     name = command.name or "gsvrcodec"
-    with _warnings_on_stderr(name):
+    with _warnings_on_stderr(name), _second_interrupt_at_once():
         try:
             code = command.main(args, prog_name=name, standalone_mode=False)
             sys.stdout.flush()
             return code or 0
         except GsvrError as error:
-            return _failed(name, str(error), error.exit_code)
+            return _failed(name, _told(str(error), error), error.exit_code)
         except _FileError as error:
             return _failed(name, error.message, error.status)
         except click.ClickException as error:
             return _failed(name, error.format_message(), error.exit_code)
-        except (click.Abort, KeyboardInterrupt):
-            return _failed(name, "interrupted", EXIT_INTERRUPTED)
+        except (click.Abort, KeyboardInterrupt) as error:
+            # click turns an interrupt into an Abort, and keeps it as the cause.
+            return _failed(name, _told("interrupted", error.__cause__ or error), EXIT_INTERRUPTED)
         except BrokenPipeError:
             # The reader has gone: nobody to tell, and nothing more to flush.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_FAILURE
-        except MemoryError:
-            return _failed(name, "out of memory", EXIT_FAILURE)
+        except MemoryError as error:
+            return _failed(name, _told("out of memory", error), EXIT_FAILURE)
         except Exception as error:
             if DEBUG in os.environ:
                 raise
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             hint = "" if isinstance(error, OSError) else f" (set {DEBUG}=1 to see where)"
-            return _failed(name, f"{what}{hint}", EXIT_FAILURE)
+            return _failed(name, _told(f"{what}{hint}", error), EXIT_FAILURE)
 
 
 @contextmanager
@@ -98,13 +101,13 @@ def write_text(path: str, text: str, *, overwrite: bool) -> None:
 
 
 def show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    """Print the version of the package and of the bitstream, and leave."""
+    """Print the versions of the package and of what it works with, and leave."""
     if not wanted or ctx.resilient_parsing:
         return
-    from gsvrcodec.container.header import VERSION_MAJOR, VERSION_MINOR
+    from gsvrcodec.versions import versions
 
-    bitstream = f"{VERSION_MAJOR}.{VERSION_MINOR}"
-    click.echo(f"{ctx.info_name} {gsvrcodec.__version__} (bitstream {bitstream})")
+    for name, version in versions().items():
+        click.echo(f"{name:<12}{version}")
     ctx.exit()
 
 
@@ -114,7 +117,7 @@ version_option = click.option(
     expose_value=False,
     is_eager=True,
     callback=show_version,
-    help="Show the version and exit.",
+    help="Show the versions of all that matters and exit.",
 )
 overwrite_option = click.option(
     "-y", "overwrite", is_flag=True, help="Overwrite an output that exists."
@@ -128,6 +131,38 @@ threads_option = click.option(
     show_default=True,
     help="CPU threads; 0 = GSVR_THREADS or all cores.",
 )
+device_option = click.option(
+    "--device",
+    default="auto",
+    metavar="NAME",
+    show_default=True,
+    help="cpu, cuda, cuda:N, or auto: the first GPU that is usable.",
+)
+
+
+def _told(message: str, error: BaseException) -> str:
+    """Return a message with the notes of an error, such as how to go on."""
+    return "; ".join([message, *getattr(error, "__notes__", ())])
+
+
+@contextmanager
+def _second_interrupt_at_once() -> Iterator[None]:
+    """Let the first Ctrl-C end the command in good order, and the second one at once."""
+    usual = signal.default_int_handler
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGINT) is not usual:
+        yield
+        return
+
+    def first(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, first)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _failed(name: str, message: str, code: int) -> int:

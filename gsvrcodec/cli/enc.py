@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, get_args
 
 import click
 
 from gsvrcodec.cli.common import (
+    EXIT_MISMATCH,
+    device_option,
     may_overwrite,
     overwrite_option,
     quiet_option,
     run,
     threads_option,
     version_option,
+    write_text,
 )
-from gsvrcodec.cli.values import count, crop, gop_length
+from gsvrcodec.cli.groups import GroupedCommand
+from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
 from gsvrcodec.fit.settings import Deform, EncodeSettings, Flow, Pack, Preset, Profile
 
 _DEFAULTS = EncodeSettings()
+
+_GROUPS = {
+    "Size and quality (at most one)": (
+        *("params", "gaussians", "bpp", "bitrate", "target_size", "target_psnr"),
+    ),
+    "Effort": ("preset", "time_budget", "workers", "threads", "device"),
+    "Input": ("rate", "bake_rotation", "deinterlace"),
+    "Part of the film": ("crop", "start_frame", "frames", "start_seconds", "stop_seconds"),
+    "Sound and subtitles": ("audio", "subtitles"),
+    "Output": ("overwrite", "resume", "verify", "stats", "progress", "quiet"),
+    "Model": (*("gop", "gop_min", "gop_max", "profile", "deform", "flow", "qat", "pack", "seed"),),
+    "General": ("version", "help"),
+}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -26,11 +45,39 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command("gsvrenc", context_settings={"max_content_width": 100, "show_default": True})
+@click.command(
+    "gsvrenc",
+    cls=GroupedCommand,
+    groups=_GROUPS,
+    context_settings={"max_content_width": 100, "show_default": True},
+)
 @click.argument("source", metavar="INPUT")
 @click.argument("target", metavar="OUTPUT.gsvr")
-@overwrite_option
-@quiet_option
+@click.option(
+    "--params",
+    type=count,
+    metavar="N",
+    help="Numbers to store in the whole file, such as 3M; sets the size.",
+)
+@click.option("--gaussians", type=count, metavar="N", help="Gaussians in each GOP.")
+@click.option(
+    "--bpp", type=float, metavar="BITS", help="Bits a pixel and frame, copied streams left out."
+)
+@click.option(
+    "--bitrate",
+    type=count,
+    metavar="BITS",
+    help="Bits a second, such as 1.5M, copied streams left out.",
+)
+@click.option(
+    "--target-size",
+    type=file_size,
+    metavar="BYTES",
+    help="Bytes of the whole file, such as 10MB or 1.5MiB.",
+)
+@click.option(
+    "--target-psnr", type=float, metavar="DB", help="Mean PSNR of all frames, such as 38."
+)
 @click.option(
     "--preset",
     type=click.Choice(get_args(Preset)),
@@ -44,14 +91,15 @@ def main(args: Sequence[str] | None = None) -> int:
     help="Seconds a frame for the whole encode, instead of a preset.",
 )
 @click.option(
-    "--params",
-    type=count,
+    "--workers",
+    type=click.IntRange(min=0),
+    default=_DEFAULTS.workers,
     metavar="N",
-    help="Numbers to store in the whole file, such as 3M; sets the size.",
+    help="GOPs to encode side by side, each in a process; they share the threads. 0 = as many as "
+    "pay. Does not change the file.",
 )
-@click.option(
-    "--gaussians", type=count, metavar="N", help="Gaussians in each GOP, instead of --params."
-)
+@threads_option
+@device_option
 @click.option(
     "--crop",
     type=crop,
@@ -67,6 +115,38 @@ def main(args: Sequence[str] | None = None) -> int:
 )
 @click.option(
     "--frames", type=click.IntRange(min=1), metavar="N", help="How many frames; all without it."
+)
+@click.option(
+    "--ss",
+    "start_seconds",
+    type=seconds,
+    metavar="TIME",
+    help="Encode what starts at this time or later, such as 90.5 or 1:30.5.",
+)
+@click.option(
+    "--to",
+    "stop_seconds",
+    type=seconds,
+    metavar="TIME",
+    help="Encode what starts before this time.",
+)
+@click.option(
+    "--rate",
+    type=rate,
+    metavar="R",
+    help="Frames a second of numbered pictures and raw streams, such as 30 or 30000/1001.",
+)
+@click.option(
+    "--bake-rotation",
+    is_flag=True,
+    help="Turn and mirror the pictures as a player would, instead of a note to the player.",
+)
+@click.option("--deinterlace", is_flag=True, help="Make whole pictures of interlaced ones.")
+@click.option("--audio/--no-audio", default=_DEFAULTS.audio, help="Copy the source's sound.")
+@click.option(
+    "--subtitles/--no-subtitles",
+    default=_DEFAULTS.subtitles,
+    help="Copy the source's subtitles.",
 )
 @click.option(
     "--gop",
@@ -87,7 +167,7 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=1),
     default=_DEFAULTS.gop_max,
     metavar="N",
-    help="Longest adaptive GOP, frames.",
+    help="Longest adaptive GOP, frames; by default 32, and up to 128 for small files.",
 )
 @click.option(
     "--profile",
@@ -108,7 +188,9 @@ def main(args: Sequence[str] | None = None) -> int:
     help="Optical flow for slicing and the start; raft needs torchvision.",
 )
 @click.option(
-    "--qat/--no-qat", default=_DEFAULTS.qat, help="Fine-tune under the quantisation to come."
+    "--qat/--no-qat",
+    default=_DEFAULTS.qat,
+    help="Fine-tune under the quantisation to come; without either as the profile does.",
 )
 @click.option(
     "--pack",
@@ -123,35 +205,101 @@ def main(args: Sequence[str] | None = None) -> int:
     metavar="N",
     help="Of every random choice; one seed, one file.",
 )
-@threads_option
+@overwrite_option
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with an interrupted encode, if there is one; with the same options the file will "
+    "be the same.",
+)
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Decode the file and compare it with the source before it gets its name; returns "
+    f"{EXIT_MISMATCH} if they differ.",
+)
+@click.option(
+    "--stats", metavar="FILE", help="Write what each GOP came to as JSON; - = standard output."
+)
+@click.option(
+    "--progress",
+    type=click.Choice(["auto", "json", "none"]),
+    default="auto",
+    help="A bar on a terminal and lines elsewhere, JSON on the standard output, or nothing.",
+)
+@quiet_option
 @version_option
-def command(source: str, target: str, overwrite: bool, quiet: bool, **settings: Any) -> None:
+def command(
+    source: str,
+    target: str,
+    overwrite: bool,
+    resume: bool,
+    verify: bool,
+    stats: str | None,
+    progress: str,
+    quiet: bool,
+    **settings: Any,
+) -> None:
     """Encode a video as a .gsvr file.
+
+    INPUT is anything that FFmpeg reads, numbered pictures such as in_%04d.png, or - for what comes
+    through a pipe. OUTPUT.gsvr appears when it is whole; - is the standard
+    output. Until then finished GOPs are kept in OUTPUT.gsvr.part, for --resume.
 
     \b
     gsvrenc in.mp4 out.gsvr
     gsvrenc --preset fast --frames 100 in.mkv out.gsvr
+    gsvrenc --target-size 10MB --preset slow --verify in.mp4 out.gsvr
+    ffmpeg -i in.mp4 -f yuv4mpegpipe - | gsvrenc - out.gsvr
     gsvrenc --params 3M --time-budget 2 --crop 1280:640 in.mp4 out.gsvr
+    gsvrenc --resume --progress json in.mp4 out.gsvr | jq .psnr
     """
     from gsvrcodec.files import check_input, check_output
-    from gsvrcodec.video.read import open_video
+    from gsvrcodec.video.read import open_video, reading_options
+    from gsvrcodec.video.spool import is_pipe
 
+    if [target, stats, "-" if progress == "json" else None].count("-") > 1:
+        raise click.UsageError("only one thing can go to the standard output")
     # All that can be refused is refused before torch is loaded, which takes seconds.
+    for name in ("start_seconds", "stop_seconds", "rate"):
+        settings[name] = None if settings[name] is None else float(settings[name])
     chosen = EncodeSettings(**settings)
-    check_input(source)
-    overwrite = may_overwrite(target, overwrite)
+    if not is_pipe(source) and "%" not in source:
+        check_input(source)
+    if resume or not Path(f"{target}.part").exists():  # -y alone may throw finished GOPs away
+        overwrite = may_overwrite(target, overwrite)
     check_output(target, overwrite=overwrite, source=source)
-    open_video(source, chosen.crop, chosen.start_frame, chosen.frames).close()
+    overwrite_stats = may_overwrite(stats, overwrite)
+    if stats is not None:
+        check_output(stats, overwrite=overwrite_stats, source=source)
+    if not is_pipe(source):
+        open_video(source, **reading_options(settings)).close()
 
-    from gsvrcodec.cli.progress import EncodeDisplay, clock
+    from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
     from gsvrcodec.encode import encode
 
-    with EncodeDisplay(quiet=quiet) as display:
-        result = encode(source, target, overwrite=overwrite, progress=display, **settings)
-    if not quiet:
+    as_json = EncodeJson() if progress == "json" else None
+    with as_json or EncodeDisplay(quiet=quiet or progress == "none") as display:
+        result = encode(
+            source,
+            target,
+            overwrite=overwrite,
+            resume=resume,
+            verify=verify,
+            progress=display,
+            **settings,
+        )
+    if stats is not None:
+        content = {**result.to_dict(), "settings": chosen.recorded()}
+        write_text(stats, json.dumps(content, indent=2) + "\n", overwrite=overwrite_stats)
+    if as_json is not None:
+        summary = result.to_dict()
+        del summary["gop_stats"]
+        as_json.done(summary)
+    elif not quiet:
         click.echo(
             f"{result.path}: {result.frames} frames, {result.gops} GOPs, "
             f"{result.gaussians} Gaussians, {result.bytes} bytes, {result.bpp:.4f} bpp, "
-            f"{result.psnr:.2f} dB, {clock(result.seconds)}",
+            f"{result.psnr:.2f} dB, {clock(result.seconds)}{', verified' * verify}",
             err=True,
         )

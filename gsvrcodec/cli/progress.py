@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
+from dataclasses import asdict
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-    from gsvrcodec.encode import Progress
+    from gsvrcodec.results import Progress
 
 #: Between two plain lines of a quick command, seconds.
 _LINE_INTERVAL = 10.0
@@ -73,6 +75,29 @@ class EncodeDisplay(_Display):
         text = "  ".join(parts)
         if self._show(state.frames_done, state.frames, text):
             click.echo(text, err=True)
+
+
+class EncodeJson:
+    """The same as JSON, one object a line on the standard output (spec/cli.md, "Progress")."""
+
+    def __enter__(self) -> Self:
+        """Return the display itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the lines as they stand."""
+
+    def __call__(self, state: Progress) -> None:
+        """Print the state of an encode."""
+        self._print("progress", asdict(state))
+
+    def done(self, result: dict[str, Any]) -> None:
+        """Print what the encode came to."""
+        self._print("done", result)
+
+    def _print(self, event: str, content: dict[str, Any]) -> None:
+        click.echo(json.dumps({"event": event, **content}))
+        sys.stdout.flush()
 
 
 class FrameDisplay(_Display):

@@ -84,7 +84,7 @@ def command(
     \b
     gsvrreport in.mp4 out.gsvr
     gsvrreport in.mp4 out.gsvr --json report.json --csv frames.csv
-    gsvrreport in.mp4 a.gsvr b.gsvr c.gsvr --against x264,x264:key=same,svtav1 --plot rd.png
+    gsvrreport in.mp4 a.gsvr b.gsvr --against x264,svtav1 --plot rd.png
     """
     from gsvrcodec.cli.progress import FrameDisplay
     from gsvrcodec.files import check_input, check_output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import select
@@ -10,19 +11,26 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
 import click
 import pytest
 
 import gsvrcodec
-from gsvrcodec.cli import values
+from gsvrcodec.cli import dec, enc, info, report, values
 from gsvrcodec.cli.common import run
-from gsvrcodec.cli.progress import EncodeDisplay, clock
+from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
 from gsvrcodec.encode import Progress
 from tests import making
 from tests.cli.tools import MAINS, ROOT, Runner, start
 
+COMMANDS = {
+    "gsvrenc": enc.command,
+    "gsvrdec": dec.command,
+    "gsvrinfo": info.command,
+    "gsvrreport": report.command,
+}
 HEAVY = {"torch", "cv2", "matplotlib", "rich"}
 
 
@@ -36,14 +44,45 @@ class TestAll:
     def test_version(self, cli: Runner, name: str) -> None:
         result = cli(name, "--version")
         assert result.code == 0
-        version = re.escape(gsvrcodec.__version__)
-        assert re.fullmatch(rf"{name} {version} \(bitstream \d+\.\d+\)\n", result.out)
+        lines = dict(re.split(r" {2,}|(?<=core) ", line) for line in result.out.splitlines())
+        assert lines["gsvrcodec"] == gsvrcodec.__version__
+        assert re.fullmatch(r"\d+\.\d+", lines["bitstream"])
+        assert lines["native core"] in ("avx512", "avx2", "portable")
+        assert lines["torch"] == metadata.version("torch")
+        assert re.match(r"\d+\.\d+", lines["FFmpeg"])
+
+    @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+    def test_completion_of_the_shell(self, name: str, shell: str) -> None:
+        variable = f"_{name.upper()}_COMPLETE"
+        process = start(name, stdout=subprocess.PIPE, environment={variable: f"{shell}_source"})
+        script = process.communicate(timeout=60)[0].decode()
+        assert process.returncode == 0
+        assert variable in script
+
+    def test_completion_knows_the_options(self, name: str) -> None:
+        words = {"COMP_WORDS": f"{name} --ver", "COMP_CWORD": "1"}
+        environment = {f"_{name.upper()}_COMPLETE": "bash_complete", **words}
+        process = start(name, stdout=subprocess.PIPE, environment=environment)
+        assert b"plain,--version\n" in process.communicate(timeout=60)[0]
 
     def test_help_has_an_example(self, cli: Runner, name: str) -> None:
         result = cli(name, "--help")
         assert result.code == 0
         assert f"\n  {name} " in result.out
         assert all(len(line) <= 80 for line in result.out.splitlines())
+
+    def test_the_page_has_every_option(self, name: str) -> None:
+        page = (ROOT / "spec" / "cli.md").read_text("utf-8")
+        (section,) = re.findall(rf"^## {name}$(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+        described = set(re.findall(r"`(-[\w-]+)", section)) | {"--version", "--help"}
+        known = {
+            spelling
+            for option in COMMANDS[name].params
+            if isinstance(option, click.Option)
+            for spelling in (*option.opts, *option.secondary_opts)
+        }
+        assert described >= known
+        assert described - known <= {"--help", "-", "--", "-a.gsvr"}
 
     def test_no_arguments_fails(self, cli: Runner, name: str) -> None:
         assert "Missing argument" in cli.fails(2, name)
@@ -71,6 +110,16 @@ print(*{{name.partition(".")[0] for name in sys.modules}})
 
 
 class TestFailures:
+    def test_notes_are_told(self, capsys: pytest.CaptureFixture[str]) -> None:
+        @click.command("gsvrtest")
+        def command() -> None:
+            error = KeyboardInterrupt()
+            error.add_note("go on so")
+            raise error
+
+        assert run(command, []) == 130
+        assert capsys.readouterr().err.strip() == "gsvrtest: error: interrupted; go on so"
+
     @pytest.mark.parametrize(
         ("error", "code", "message"),
         [
@@ -155,6 +204,26 @@ class TestValues:
         with pytest.raises(click.BadParameter):
             values.gop_length("-4")
 
+    @pytest.mark.parametrize(
+        ("text", "number"),
+        [
+            ("7", 7),
+            ("700k", 700_000),
+            ("10MB", 10**7),
+            ("1.5m", 1_500_000),
+            ("1.5MiB", 1_572_864),
+            ("2G", 2 * 10**9),
+            ("12b", 12),
+        ],
+    )
+    def test_file_size(self, text: str, number: int) -> None:
+        assert values.file_size(text) == number
+
+    @pytest.mark.parametrize("text", ["", "MB", "-1", "1e3", "10TB", "10Mi", "1.M", "1 MB", "nan"])
+    def test_file_size_fails(self, text: str) -> None:
+        with pytest.raises(click.BadParameter, match="not a size"):
+            values.file_size(text)
+
 
 class TestProgress:
     def test_plain_lines(self, capsys: pytest.CaptureFixture[str]) -> None:
@@ -165,6 +234,23 @@ class TestProgress:
             "GOP 0/6  0/132 frames",
             "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
         ]
+
+    def test_json(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeJson() as display:
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9))
+            display.done({"path": "a.gsvr"})
+        first, second = map(json.loads, capsys.readouterr().out.splitlines())
+        assert first == {
+            "event": "progress",
+            "gop": 2,
+            "gops": 6,
+            "frames_done": 48,
+            "frames": 132,
+            "psnr": 36.208,
+            "seconds_per_frame": 1.07,
+            "eta_seconds": 89.9,
+        }
+        assert second == {"event": "done", "path": "a.gsvr"}
 
     def test_quiet(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeDisplay(quiet=True) as display:

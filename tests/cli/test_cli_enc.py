@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import gsvrcodec
 from gsvrcodec.cli import enc
 from gsvrcodec.fit.settings import EncodeSettings
 from tests import making
-from tests.cli.tools import ROOT, Runner
+from tests.cli.tools import ROOT, Runner, start
 
 SMALL = ("--frames", "4", "--gop", "2", "--gaussians", "0.2k", "--preset", "fastest")
 
@@ -25,10 +26,19 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Runner:
 
 def test_options_are_the_settings() -> None:
     chosen = enc.command.make_context("gsvrenc", ["in.mp4", "out.gsvr"]).params
-    for name in ("source", "target", "overwrite", "quiet"):
+    for name in (
+        *("source", "target", "overwrite", "resume", "verify", "stats"),
+        "progress",
+        "quiet",
+    ):
         del chosen[name]
     assert EncodeSettings(**chosen) == EncodeSettings()
     assert set(chosen) == set(EncodeSettings.__dataclass_fields__)
+
+
+def test_every_option_has_its_heading() -> None:
+    grouped = {name for names in enc._GROUPS.values() for name in names}
+    assert {option.name for option in enc.command.params} - {"source", "target"} <= grouped
 
 
 def test_small_encode(cli: Runner, tmp_path: Path) -> None:
@@ -48,6 +58,59 @@ def test_small_encode(cli: Runner, tmp_path: Path) -> None:
     before = target.read_bytes()
     assert "use -y" in cli.fails(1, "gsvrenc", *args)
     assert target.read_bytes() == before
+
+
+def test_json_stats_and_verification(cli: Runner, tmp_path: Path) -> None:
+    target, stats = tmp_path / "out.gsvr", tmp_path / "stats.json"
+    args = ("--progress", "json", "--stats", stats, "--verify", "--workers", "1")
+    result = cli("gsvrenc", making.NOISE, target, *SMALL, *args)
+    assert result.code == 0, result.err
+    assert result.err == ""
+    lines = [json.loads(line) for line in result.out.splitlines()]
+    assert [line["event"] for line in lines] == ["progress"] * 3 + ["done"]
+    assert [line["gop"] for line in lines[:3]] == [0, 1, 2]
+    written = json.loads(stats.read_text())
+    gops = written.pop("gop_stats")
+    assert written.pop("settings")["gaussians"] == 200
+    assert lines[3] == {"event": "done", **written}
+    assert written["bytes"] == target.stat().st_size
+    assert [(gop["first_frame"], gop["frames"], gop["gaussians"]) for gop in gops] == [
+        (0, 2, 200),
+        (2, 2, 200),
+    ]
+    assert sum(gop["psnr"] for gop in gops) / 2 == pytest.approx(written["psnr"])
+
+
+def test_rate_options(cli: Runner, tmp_path: Path) -> None:
+    target = tmp_path / "out.gsvr"
+    line = cli.fails(2, "gsvrenc", making.NOISE, target, "--bitrate", "1.5M", "--bpp", "0.2")
+    assert "--bpp and --bitrate exclude each other" in line
+    line = cli.fails(2, "gsvrenc", making.NOISE, target, "--target-size", "1kB", *SMALL[:4])
+    assert "--target-size 1000 leaves" in line
+    assert not list(tmp_path.iterdir())
+
+
+class TestStandardOutput:
+    def test_is_the_same_file(self, tmp_path: Path) -> None:
+        environment = {"TMPDIR": str(tmp_path)}
+        gsvrenc = ("gsvrenc", making.NOISE)
+        process = start(
+            *gsvrenc, "-", "-q", *SMALL, stdout=subprocess.PIPE, environment=environment
+        )
+        piped = process.communicate(timeout=120)[0]
+        assert process.returncode == 0
+        assert start(*gsvrenc, tmp_path / "a.gsvr", "-q", *SMALL).wait(timeout=120) == 0
+        assert piped == (tmp_path / "a.gsvr").read_bytes()
+        assert [path.name for path in tmp_path.iterdir()] == ["a.gsvr"]
+
+    def test_holds_one_thing_fails(self, cli: Runner, tmp_path: Path) -> None:
+        for args in (["-", "--stats", "-"], ["-", "--progress", "json"]):
+            line = cli.fails(2, "gsvrenc", making.NOISE, *args)
+            assert "only one thing can go to the standard output" in line
+
+    def test_cannot_be_resumed(self, cli: Runner) -> None:
+        line = cli.fails(2, "gsvrenc", making.NOISE, "-", "--resume")
+        assert "--resume needs an input that can be read again" in line
 
 
 class TestBadInput:

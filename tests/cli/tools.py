@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,11 +55,14 @@ class Runner:
         return line.removeprefix(f"{name}: error: ")
 
 
-def start(name: str, *args: str | Path, **options: Any) -> subprocess.Popen[bytes]:
-    """Start a command as a process of its own."""
+def start(
+    name: str,
+    *args: str | Path,
+    environment: Mapping[str, str] | None = None,
+    **options: Any,
+) -> subprocess.Popen[bytes]:
+    """Start a command as a process of its own, with some more variables in its environment."""
     module = name.removeprefix("gsvr")
     code = f"import sys; from gsvrcodec.cli.{module} import main; sys.exit(main())"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb"}
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, args)], env=environment, **options
-    )
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", **(environment or {})}
+    return subprocess.Popen([sys.executable, "-c", code, *map(str, args)], env=variables, **options)

@@ -1,0 +1,217 @@
+"""Faults 10 to 18: sound bytes that say what cannot be."""
+
+from __future__ import annotations
+
+import struct
+import time
+import tracemalloc
+
+import imagecodecs
+import numpy as np
+import pytest
+
+from gsvrcodec.container.chunk import (
+    GOP_TYPE,
+    HEAD_BYTES,
+    HEAD_TYPE,
+    SIGNATURE,
+    chunk_bytes,
+)
+from gsvrcodec.errors import (
+    CorruptError,
+    GsvrError,
+    LimitError,
+    UnsupportedError,
+)
+from tests.faults.small import FILE, FIRST, HEAD, opened
+from tests.gops import HEADER, decode_all, make_file, make_payload
+from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, with_plane
+
+
+class TestHeader:
+    """Faults 10, 11, 12 and 16."""
+
+    @pytest.mark.parametrize(("frames", "gops"), [(1, 3), (2**64 - 1, 3), (9, 1), (9, 2**32 - 1)])
+    def test_counts_that_lie_lose_to_the_content(self, frames: int, gops: int) -> None:
+        reader = opened(patched(FILE, HEAD_TYPE, 58, "QI", frames, gops))
+        assert reader.frames == 9
+        assert len(reader.gops) == 3
+        assert len(reader.warnings) == 1
+        assert "the header says" in reader.warnings[0]
+
+    @pytest.mark.parametrize(
+        "chunks", [[FIRST], [FIRST, HEAD], [HEAD, HEAD, FIRST], [HEAD, FIRST, HEAD]]
+    )
+    def test_missing_late_or_second(self, chunks: list[Piece]) -> None:
+        for reindex in (False, True):
+            with pytest.raises(CorruptError, match=r"expected HEAD|second header"):
+                opened(joined(chunks, reindex=reindex))
+
+    @pytest.mark.parametrize(
+        ("offset", "layout", "value"), [(44, "I", 3), (48, "I", 2), (44, "I", 0), (48, "I", 0)]
+    )
+    def test_a_gop_over_the_maxima_is_refused(self, offset: int, layout: str, value: int) -> None:
+        data = patched(FILE, HEAD_TYPE, offset, layout, value)
+        with pytest.raises(CorruptError, match=r"chunk GOPD at byte \d+: .*the header's maximum"):
+            decode_all(data)
+
+    def test_a_triplane_over_the_maxima_is_refused(self) -> None:
+        good = make_file([make_payload(4, (3, 2, 5))])
+        for offset, value in ((52, 2), (54, 1), (56, 4)):
+            with pytest.raises(CorruptError, match="tri-plane of"):
+                decode_all(patched(good, HEAD_TYPE, offset, "H", value))
+
+    @pytest.mark.parametrize("start_pts", [0, 79, 80, -(2**61)])
+    def test_timestamps_that_do_not_increase_are_refused(self, start_pts: int) -> None:
+        second = make_payload(4, first_frame=3, start_pts=start_pts)
+        reader = opened(joined([HEAD, FIRST, Piece(GOP_TYPE, second)]))
+        assert reader.recovered
+        assert len(reader.gops) == 1
+        assert "does not come after" in " ".join(reader.warnings)
+
+
+def gop_file(plane: int, data: bytes, **fields: float) -> bytes:
+    """A file of one GOP of 6 Gaussians (3 by 2) with one plane replaced."""
+    payload = with_plane(make_payload(6), plane, data, **fields)
+    return make_file([payload])
+
+
+class TestPlanes:
+    """Faults 13, 14 and 17."""
+
+    @pytest.mark.parametrize("pixels", [np.zeros((2, 4)), np.zeros((3, 2)), np.zeros((2, 3, 3))])
+    @pytest.mark.parametrize("codec", [2, 3])
+    def test_another_size_or_colour(self, codec: int, pixels: np.ndarray) -> None:
+        stored = pixels.astype(np.uint8)
+        data = imagecodecs.png_encode(stored) if codec == 2 else imagecodecs.jpegxl_encode(stored)
+        with pytest.raises(CorruptError, match=r"plane position\.0"):
+            decode_all(gop_file(0, bytes(data), codec=codec, bits=8))
+
+    def test_trailing_bytes_and_a_missing_end(self) -> None:
+        png = bytes(imagecodecs.png_encode(np.zeros((2, 3), np.uint8)))
+        assert decode_all(gop_file(0, png, codec=2, bits=8, step=1))
+        for data in (png + b"\0", png[:-12], png[:-1]):
+            with pytest.raises(CorruptError, match="PNG"):
+                decode_all(gop_file(0, data, codec=2, bits=8, step=1))
+
+    @pytest.mark.parametrize("step", [0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 3e38])
+    def test_steps_that_are_no_steps(self, step: float) -> None:
+        with pytest.raises(CorruptError, match=r"step|allowed"):
+            decode_all(patched(make_file([make_payload()]), GOP_TYPE, TABLE_OFFSET + 12, "f", step))
+
+    def test_extreme_gaussians_stay_within_bounds(self) -> None:
+        # Plane 2 is log_scale.0: exp(13) is the largest sigma that a file can ask for.
+        with pytest.raises(CorruptError, match="allowed is -32 to 13"):
+            decode_all(gop_file(2, b"\0\0", codec=0, offset=13.01, step=0))
+        (content,) = decode_all(gop_file(2, b"\0\0", codec=0, offset=13, step=0))
+        assert content.gop.log_scale[:, 0].tolist() == [13] * 6
+
+    def test_no_gaussian_is_valid(self) -> None:
+        (content,) = decode_all(make_file([make_payload(0)]))
+        assert len(content.gop) == 0
+
+    def test_no_gaussian_with_planes_is_refused(self) -> None:
+        data = patched(make_file([make_payload(4)]), GOP_TYPE, 12, "I", 0)
+        with pytest.raises(CorruptError, match="13 planes, expected 0"):
+            decode_all(data)
+
+
+class TestBombs:
+    """Fault 15: refused in under a second and in little memory."""
+
+    @staticmethod
+    def check(data: bytes, error: type[GsvrError], says: str) -> None:
+        begin = time.process_time()
+        with pytest.raises(error, match=says):
+            decode_all(data)
+        assert time.process_time() - begin < 1
+        tracemalloc.start()
+        try:
+            with pytest.raises(error, match=says):
+                decode_all(data)
+            assert tracemalloc.get_traced_memory()[1] < 256 * 2**20
+        finally:
+            tracemalloc.stop()
+
+    def test_png(self) -> None:
+        data = bytes(imagecodecs.png_encode(np.zeros((8192, 8192), np.uint8), level=9))
+        self.check(gop_file(0, data, codec=2, bits=8), CorruptError, "PNG header")
+
+    def test_jxl(self) -> None:
+        pixels = np.zeros((2048, 2048), np.uint8)
+        data = imagecodecs.jpegxl_encode(pixels, lossless=True, effort=1)
+        data = bytes(data)[bytes(data).find(b"\xff\x0a") :]
+        self.check(gop_file(0, data, codec=3), CorruptError, "2048x2048, expected 3x2")
+
+    def test_planes_that_expand_without_end(self) -> None:
+        # A thousand bytes that say 2^24 Gaussians, all planes constant: a gigabyte of values.
+        def grow(payload: bytearray) -> None:
+            struct.pack_into("<I", payload, 12, 2**24)
+            for plane in range(13):
+                struct.pack_into("<HH", payload, TABLE_OFFSET + 20 * plane + 4, 4096, 4096)
+
+        data = edited(make_file([make_payload(1)]), GOP_TYPE, grow)
+        data = patched(data, HEAD_TYPE, 44, "I", 2**24)
+        self.check(data, LimitError, "would expand to")
+
+    def test_frames_without_end(self) -> None:
+        data = patched(make_file([make_payload(1)]), HEAD_TYPE, 48, "I", 2**32 - 1)
+        self.check(data, LimitError, "GSVR_LIMIT_GOP_FRAMES")
+
+    @pytest.mark.parametrize("reindex", [False, True])
+    def test_a_million_unknown_chunks(self, reindex: bool) -> None:
+        if reindex:
+            chunks = [HEAD, FIRST, *[Piece(b"xabc", b"")] * 70_000]
+            data = joined(chunks)
+        else:
+            data = SIGNATURE + HEAD.to_bytes() + chunk_bytes(b"xabc", b"") * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+    def test_a_million_tiny_gops(self) -> None:
+        tiny = chunk_bytes(GOP_TYPE, make_payload(0, frames=1))
+        data = SIGNATURE + HEAD.to_bytes() + tiny * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+    def test_a_million_damaged_chunk_heads(self) -> None:
+        head = b"GOPD" + bytes(HEAD_BYTES - 4)
+        data = SIGNATURE + HEAD.to_bytes() + head * 1_000_000
+        self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
+
+
+class TestVersions:
+    """Fault 18."""
+
+    def test_a_newer_minor_version_is_read(self) -> None:
+        assert len(decode_all(patched(FILE, HEAD_TYPE, 2, "H", 99))) == 3
+
+    @pytest.mark.parametrize("major", [1, 2, 65535])
+    def test_another_major_version_is_unsupported(self, major: int) -> None:
+        with pytest.raises(UnsupportedError, match=rf"version {major}\.3, this decoder reads 0\.x"):
+            opened(patched(FILE, HEAD_TYPE, 0, "H", major))
+
+    @pytest.mark.parametrize("bit", [1, 31])
+    def test_flags(self, bit: int) -> None:
+        assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
+        with pytest.raises(UnsupportedError, match="features this decoder does not know"):
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 1))
+
+    def test_a_file_without_levels_is_unsupported(self) -> None:
+        with pytest.raises(UnsupportedError, match=r"drawn without levels.*encode the video anew"):
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 0))
+
+    @pytest.mark.parametrize("reindex", [False, True])
+    def test_unknown_chunks(self, reindex: bool) -> None:
+        skipped = joined([HEAD, Piece(b"zABC", b"x"), FIRST], reindex=reindex)
+        assert len(decode_all(skipped)) == 1
+        with pytest.raises(UnsupportedError, match="chunk Zabc at byte"):
+            opened(joined([HEAD, Piece(b"Zabc", b"x"), FIRST], reindex=reindex))
+
+    def test_an_unknown_codec_or_attribute_is_unsupported(self) -> None:
+        for offset in (0, 2):
+            with pytest.raises(UnsupportedError, match="unknown"):
+                decode_all(patched(FILE, GOP_TYPE, TABLE_OFFSET + offset, "B", 200))
+
+
+def test_a_header_alone_is_not_a_video() -> None:
+    with pytest.raises(CorruptError, match="no whole GOP"):
+        opened(SIGNATURE + chunk_bytes(HEAD_TYPE, HEADER.to_bytes()))
