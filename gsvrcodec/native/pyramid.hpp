@@ -6,10 +6,14 @@
 
 // The first pixel of a row of a strip.
 static inline float *strip_row(const Pixels &pixels, int strip, int row) {
-    row -= pixels.first_row;
+    const unsigned down = static_cast<unsigned>(row - pixels.first_row);
     return pixels.data + static_cast<std::ptrdiff_t>(strip) * pixels.rows * kRowFloats +
-           row / kRows * kStepFloats + row % kRows * kStripWidth;
+           down / kRows * kStepFloats + down % kRows * kStripWidth;
 }
+
+// From an even row to the next one, and to the next even one.
+constexpr int kOddRow = kRows == 1 ? kStepFloats : kStripWidth;
+constexpr int kEvenRow = kRows == 1 ? 2 * kStepFloats : kStepFloats;
 
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
@@ -42,29 +46,30 @@ static inline void magnify(const Pixels &coarse, int coarse_width, int coarse_he
         const std::ptrdiff_t before = strip ? kStripWidth - 1 - next : 0;
         const std::ptrdiff_t after = right_most ? last : next;
         const bool both = 2 * strip + 1 < strips(fine_width);
-        for (int c = 0; c < 3; ++c) {
-            const auto at = [&](int row) {
-                const float *own =
-                    strip_row(coarse, strip, max(min(row, coarse_height - 1), 0)) +
-                    c * kChannelFloats;
-                return widened(own, own + before, own + after, last);
-            };
-            int row = rows.begin / 2;
-            Widened above = at(row - 1), here = at(row);
-            for (; 2 * row < rows.end; ++row) {
-                const Widened below = at(row + 1);
-                float *upper = strip_row(fine, 2 * strip, 2 * row) + c * kChannelFloats;
-                float *lower = strip_row(fine, 2 * strip, 2 * row + 1) + c * kChannelFloats;
+        float *out = strip_row(fine, 2 * strip, rows.begin);
+        int row = rows.begin / 2;
+        Widened above[3], here[3], below[3];
+        const auto read = [&](int of, Widened *w) {
+            const float *own = strip_row(coarse, strip, of);
+            for (int c = 0; c < 3; ++c, own += kChannelFloats)
+                w[c] = widened(own, own + before, own + after, last);
+        };
+        read(max(row - 1, 0), above);
+        read(row, here);
+        for (; 2 * row < rows.end; ++row, out += kEvenRow) {
+            read(min(row + 1, coarse_height - 1), below);
+            for (int c = 0; c < 3; ++c) {
+                float *p = out + c * kChannelFloats;
+                const v8 left = 0.75f * here[c].left;
+                put(p, left + 0.25f * above[c].left);
+                put(p + kOddRow, left + 0.25f * below[c].left);
                 if (both) {
-                    const v8 right = 0.75f * here.right;
-                    put(upper + fine_next, right + 0.25f * above.right);
-                    put(lower + fine_next, right + 0.25f * below.right);
+                    const v8 right = 0.75f * here[c].right;
+                    put(p + fine_next, right + 0.25f * above[c].right);
+                    put(p + fine_next + kOddRow, right + 0.25f * below[c].right);
                 }
-                const v8 left = 0.75f * here.left;
-                put(upper, left + 0.25f * above.left);
-                put(lower, left + 0.25f * below.left);
-                above = here;
-                here = below;
+                above[c] = here[c];
+                here[c] = below[c];
             }
         }
     }

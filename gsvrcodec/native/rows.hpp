@@ -54,11 +54,38 @@ static inline i8 code(v8 value) {
     return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
 }
 
+#if defined(__AVX512F__)
+// The same for the two rows of a vector at once.
+static inline void store_rgb_rows(std::uint8_t *out, std::ptrdiff_t next, const float *red) {
+    const auto codes = [](const float *p) {
+        return truncate(min(max(load(p), vf{}), splat(1.0f)) * 255.0f + 0.5f);
+    };
+    const vf rgbx = (vf)(codes(red) | codes(red + kChannelFloats) << 8 |
+                         codes(red + 2 * kChannelFloats) << 16);
+    store_rgb(out, (i8)low(rgbx));
+    store_rgb(out + next, (i8)high(rgbx));
+}
+#endif
+
 void to_rgb8(Pixels pixels, const Frame &frame, Extent rows, std::uint8_t *out) {
+    const std::ptrdiff_t line = static_cast<std::ptrdiff_t>(frame.width) * 3;
+#if defined(__AVX512F__)
+    if (frame.width % kStripWidth == 0 && (rows.end - rows.begin) % kRows == 0) {
+        for (int row = rows.begin; row < rows.end; row += kRows) {
+            const float *red =
+                pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
+            std::uint8_t *p = out + (row - rows.begin) * line;
+            const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
+            for (; p < out + (row - rows.begin + 1) * line; p += 3 * kStripWidth, red += strip)
+                store_rgb_rows(p, line, red);
+        }
+        return;
+    }
+#endif
     for_pieces(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         const i8 rgbx = code(load8(red)) | code(load8(red + kChannelFloats)) << 8 |
                         code(load8(red + 2 * kChannelFloats)) << 16;
-        std::uint8_t *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        std::uint8_t *p = out + row * line + x * 3;
         if (samples == kStripWidth) return store_rgb(p, rgbx);
         std::uint8_t bytes[3 * kStripWidth];
         store_rgb(bytes, rgbx);
