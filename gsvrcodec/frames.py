@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 #: Ticks that a time in seconds may be away from the timestamp it was computed from.
 _TICK_TOLERANCE = Fraction(1, 10**6)
 
-#: RGB samples: uint8, or uint16 for a bit depth over 8.
+#: RGB samples: uint8, or uint16 for a bit depth over 8. A decoder on a GPU gives torch tensors.
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import fmean
@@ -11,27 +11,44 @@ from statistics import fmean
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.initialise import content_aware, random_start
 from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, optimise
-from gsvrcodec.fit.plan import triplane_grid
+from gsvrcodec.fit.plan import PSNR_OCTAVE, Grid, most_gaussians, triplane_grid
+from gsvrcodec.fit.precision import equal_slope_steps, usual_factor
 from gsvrcodec.fit.qat import fake_quantiser
-from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.fit.rate import Target, find_factor
+from gsvrcodec.fit.sensitivity import sensitivity
+from gsvrcodec.fit.settings import EncodeSettings, Pack
+from gsvrcodec.fit.still import with_still
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pack import dequantised, pack_gop
-from gsvrcodec.model.quantise import BITS
+from gsvrcodec.model.quantise import PAPER_BITS, Precision
 from gsvrcodec.model.timing import Ticks, normalised_time
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render import render_frames
+from gsvrcodec.render.device import choose_device
 
 #: Visits of each frame, by preset.
 FRAME_VISITS = {"fastest": 12, "fast": 40, "medium": 100, "slow": 400, "slowest": 1000}
 _MIN_STEPS = 100
 #: Part of the effort after which the fit sees quantised values.
 _QAT_FROM = 0.9
+#: With a quality to meet: part of the effort of a first fit, that tells the number of Gaussians.
+_PILOT = 1 / 6
+#: What it lacks of a whole fit (dB) falls with its steps: by a factor, and to a power of them.
+_PILOT_LACKS = 119.0, -0.65
+#: What rounding costs at sensible steps, dB.
+_ROUNDING_LOSS = 0.45
+#: Quality before rounding that is right for a target, beyond what rounding costs, dB; otherwise
+#: there is another fit, that aims at the middle, but no more than so many.
+_SPARE, _MOST_REFITS = (-0.2, 0.8), 3
+
+Tensors = dict[str, Tensor]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,9 +59,12 @@ class GopTask:
     pts: Ticks  #: (F,) ticks
     durations: Ticks  #: (F,) ticks
     first_frame: int  #: number of the first frame in the file
-    gaussians: int  #: N
+    gaussians: int  #: N; with a quality to meet a first guess
     settings: EncodeSettings
     seconds: float | None  #: wall time to spend; None = by the preset
+    target_bytes: int | None = None  #: of the payload; None = what it comes to
+    target_psnr: float | None = None  #: dB, mean of the frames; None = what it comes to
+    grid: Grid | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,44 +82,168 @@ def encode_gop(task: GopTask) -> EncodedGop:
     The same task gives the same bytes in any process and any order, unless it is timed.
     """
     began = time.perf_counter()
-    settings, frames = task.settings, task.frames
-    taus = normalised_time(task.pts)
-    rng = np.random.default_rng([settings.seed, task.first_frame])
-    paper = settings.profile == "paper"
-    height, width = frames.shape[1:3]
-    grid = triplane_grid((width, height), len(frames), settings)
-    if paper:
-        start = random_start(frames, task.gaussians, grid, rng)
-    else:
-        flow = None if settings.deform == "triplane" else flow_estimator(settings.flow)
-        start = content_aware(frames, taus, task.gaussians, grid, flow, rng)
+    gaussians = task.gaussians
+    if task.target_psnr is not None:
+        pilot = _Fitted(task, gaussians, share=_PILOT)
+        wanted = task.target_psnr + _ROUNDING_LOSS + fmean(_SPARE)
+        gaussians = pilot.more(wanted - pilot.float_psnr() - pilot.to_come())
+    fitted = _Fitted(task, gaussians, spent=time.perf_counter() - began)
+    if task.target_psnr is not None and task.seconds is None:
+        for _ in range(_MOST_REFITS):
+            spare = fitted.float_psnr() - task.target_psnr - _ROUNDING_LOSS
+            gaussians = fitted.more(fmean(_SPARE) - spare)
+            if _SPARE[0] <= spare <= _SPARE[1] or gaussians == fitted.gaussians:
+                break
+            fitted = _Fitted(task, gaussians)
+    return fitted.encoded()
 
-    field = Field(start, settings.deform)
-    bits = BITS[settings.profile]
-    steps = max(_MIN_STEPS, FRAME_VISITS[settings.preset] * len(frames))
-    seconds = None
-    if task.seconds is not None:
-        # Packing takes its share too.
-        seconds = max(0.1, task.seconds * 0.92 - (time.perf_counter() - began))
-    with _single_torch_thread():
-        optimise(
-            field,
-            frames,
-            taus,
-            PAPER if paper else MAIN,
-            Effort(steps, seconds),
-            rng,
-            quantise=fake_quantiser(bits) if settings.qat else None,
-            quantise_from=_QAT_FROM,
-            threads=settings.threads,
+
+class _Fitted:
+    """A fit of a GOP, and how finely it is stored.
+
+    That is chosen when quantisation starts, and once more at the end.
+    """
+
+    def __init__(
+        self, task: GopTask, gaussians: int, *, share: float = 1.0, spent: float = 0.0
+    ) -> None:
+        """Fit.
+
+        Args:
+            task: what to encode.
+            gaussians: N.
+            share: part of the task's effort to spend; less than 1 is for a trial.
+            spent: wall time that the task has taken so far, seconds.
+        """
+        began = time.perf_counter()
+        self._task, settings, frames = task, task.settings, task.frames
+        self.gaussians = gaussians
+        self._taus = taus = normalised_time(task.pts)
+        self._size = size = frames.shape[2], frames.shape[1]
+        self._factor: float | None = None
+        self._changes: Gop | None = None
+        self._fake: Callable[[Tensors], Tensors] | None = None
+        rng = np.random.default_rng([settings.seed, task.first_frame])
+        paper = settings.profile == "paper"
+        qat = (paper if settings.qat is None else settings.qat) and share == 1.0
+        grid = task.grid or triplane_grid(size, len(frames), settings)
+        if paper:
+            start = random_start(frames, gaussians, grid, rng)
+        else:
+            flow = None if settings.deform == "triplane" else flow_estimator(settings.flow)
+            start = content_aware(frames, taus, gaussians, grid, flow, rng)
+        self._field = Field(start, settings.deform, choose_device(settings.device))
+        steps = max(_MIN_STEPS, round(share * FRAME_VISITS[settings.preset] * len(frames)))
+        seconds = None
+        if task.seconds is not None:
+            # Packing takes its share too.
+            left = share * 0.92 * task.seconds - spent - (time.perf_counter() - began)
+            seconds = max(0.1, left)
+        self._effort = Effort(steps, seconds)
+        with _single_torch_thread():
+            optimise(
+                self._field,
+                frames,
+                taus,
+                PAPER if paper else MAIN,
+                self._effort,
+                rng,
+                quantise=self._quantise if qat else None,
+                quantise_from=_QAT_FROM,
+                threads=settings.threads,
+            )
+
+    def float_psnr(self) -> float:
+        """Quality before quantisation, dB."""
+        return self._quality(self._field.gop())
+
+    def to_come(self) -> float:
+        """Quality that a pilot lacks of a whole fit, dB."""
+        scale, power = _PILOT_LACKS
+        return float(scale * self._effort.expected_steps**power)
+
+    def more(self, gain: float) -> int:
+        """Gaussians that would reach `gain` dB more."""
+        wanted = self.gaussians * 2 ** (min(max(gain, -9.0), 9.0) / PSNR_OCTAVE)
+        return min(max(1, round(wanted)), most_gaussians(self._size))
+
+    def encoded(self) -> EncodedGop:
+        """Pack the fit."""
+        gop, precision = self._field.gop(), self._choose()
+        stored = self._stored(gop, self._factor)
+        return EncodedGop(
+            payload=self._pack(stored, precision, self._task.settings.pack),
+            psnr=self._quality(dequantised(stored, precision)),
+            float_psnr=self._quality(gop),
         )
-    gop = field.gop()
-    payload = pack_gop(gop, task.pts, task.durations, task.first_frame, bits, PACKS[settings.pack])
-    return EncodedGop(
-        payload=payload,
-        psnr=_quality(dequantised(gop, bits), taus, frames, settings.threads),
-        float_psnr=_quality(gop, taus, frames, settings.threads),
-    )
+
+    def _stored(self, gop: Gop, factor: float | None) -> Gop:
+        """What is stored of the fit in steps of this factor."""
+        if self._changes is None or factor is None:
+            return gop
+        return with_still(gop, self._changes, factor)
+
+    def _quantise(self, tensors: Tensors) -> Tensors:
+        if self._fake is None:
+            self._fake = fake_quantiser(self._choose())
+        return self._fake(tensors)
+
+    def _choose(self) -> Precision:
+        """The precision that meets the target with the field as it is now."""
+        task = self._task
+        if task.settings.profile == "paper":
+            return PAPER_BITS
+        gop = self._field.gop()
+        if self._changes is None:
+            rng = np.random.default_rng([task.settings.seed, task.first_frame])
+            self._changes = sensitivity(gop, self._taus, self._size, rng, task.settings.threads)
+        changes = self._changes
+        factor = self._factor or usual_factor(
+            task.frames[..., 0].size, self.gaussians, self._quality(gop)
+        )
+        pack = task.settings.pack
+        quick: Pack = "entropy" if pack == "auto" else pack
+
+        def size(factor: float, pack: Pack = quick) -> int:
+            steps = equal_slope_steps(changes, factor)
+            return len(self._pack(self._stored(gop, factor), steps, pack))
+
+        def quality(factor: float) -> float:
+            steps = equal_slope_steps(changes, factor)
+            return self._quality(dequantised(self._stored(gop, factor), steps))
+
+        if task.target_bytes is not None:
+            wanted = task.target_bytes
+            factor = find_factor(size, Target.of_size(wanted), factor)
+            if quick != pack:
+                wanted += size(factor) - size(factor, pack)
+                factor = find_factor(size, Target.of_size(wanted), factor)
+        elif task.target_psnr is not None:
+            factor = find_factor(quality, Target.of_psnr(task.target_psnr), factor)
+        self._factor = factor
+        return equal_slope_steps(changes, factor)
+
+    def _pack(self, gop: Gop, precision: Precision, pack: Pack) -> bytes:
+        task = self._task
+        return pack_gop(gop, task.pts, task.durations, task.first_frame, precision, PACKS[pack])
+
+    def _quality(self, gop: Gop) -> float:
+        """Mean PSNR over the frames, dB."""
+        settings = self._task.settings
+        return fmean(
+            psnr(
+                render_frames(
+                    gop,
+                    tau[None],
+                    self._size,
+                    self._size,
+                    threads=settings.threads,
+                    device=self._field.device,
+                )[0],
+                frame,
+            )
+            for tau, frame in zip(self._taus, self._task.frames, strict=True)
+        )
 
 
 @contextmanager
@@ -111,13 +255,3 @@ def _single_torch_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def _quality(gop: Gop, taus: Float32Array, frames: NDArray[np.uint8], threads: int) -> float:
-    """Mean PSNR over the frames, dB."""
-    height, width = frames.shape[1:3]
-    size = (width, height)
-    return fmean(
-        psnr(render_frames(gop, tau[None], size, size, threads=threads)[0], frame)
-        for tau, frame in zip(taus, frames, strict=True)
-    )

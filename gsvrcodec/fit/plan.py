@@ -1,11 +1,16 @@
-"""How many parameters each GOP gets."""
+"""What each GOP gets: Gaussians, and a size or a quality to meet."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+import numpy as np
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.fit.slicing import Step
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS
 
 Grid = tuple[int, int, int]
@@ -14,9 +19,163 @@ Grid = tuple[int, int, int]
 GAUSSIAN_PARAMETERS = 13
 #: Stored numbers a pixel and frame when nothing is asked for: the paper's 3M for its clip.
 DEFAULT_DENSITY = 3e6 / (132 * 1280 * 640)
+#: Bits of the payload for each Gaussian, all planes counted, at the best bargain between their
+#: number and their steps: nearly the same from 0.01 to 0.1 bits a pixel.
+_BITS_EACH = 78.0
+#: Mean squared error = `_ERROR` x complexity / bpp^`_FALL`, where complexity is what changes from
+#: frame to frame and a share of the detail; fitted to one clip, others differ by some dB.
+_ERROR, _FALL, _DETAIL_SHARE = 0.05, 0.77, 0.06
+#: Twice as many Gaussians come to so many dB more.
+PSNR_OCTAVE = 2.3
+#: 1 = every GOP gets what brings it to the same quality; 0 = every frame the same, which is best
+#: for the mean of their PSNR.
+_EVENNESS = 0.5
+#: A GOP whose motion degree is less (pixels of the analysed frame), and that has more pixels of all
+#: frames for each Gaussian, is better off with a coarser tri-plane: 4 % less bits on one clip.
+_STILL, _SPARSE = 0.22, 2000.0
+#: Least and most frames of the longest GOP, and what it times the bits a pixel comes to between.
+_LONGEST_GOPS, _FRAMES_BPP = (32, 128), 3.2
+#: Largest ratio of a GOP's share to the mean, and of the mean to it.
+_MOST_UNEQUAL = 8.0
+#: Payload of a GOP that is hardly more than its tables.
+LEAST_GOP_BYTES = 1500
 _CELL_PX = 20.0
 _GRID_RANGE = (4, 64)
 _PAPER_GRID = (32, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What one GOP is to take and to reach; the fields of a `GopTask`."""
+
+    gaussians: int  #: N; with a quality to meet a first guess
+    target_bytes: int | None = None  #: of its payload
+    target_psnr: float | None = None  #: dB, mean of its frames
+    grid: Grid | None = None  #: Gx, Gy, Gt of its tri-plane; None = the usual
+
+
+def longest_gop(
+    steps: Sequence[Step], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
+) -> int:
+    """Frames of the longest adaptive GOP.
+
+    A Gaussian that lives longer is paid for less often; but many of them in a long GOP take a long
+    fit. So the fewer bits a frame gets, the longer GOPs are.
+
+    Args:
+        steps: Every frame as `analyse` measured it.
+        size: Width and height, pixels.
+        settings: What is asked for.
+        seconds: Duration of the video.
+    """
+    shortest, longest = _LONGEST_GOPS
+    if settings.gop_max is not None:
+        return settings.gop_max
+    if not settings.has_target or not steps:
+        return max(shortest, settings.gop_min)
+    if settings.target_psnr is not None:
+        bpp = _bpp(steps, settings.target_psnr)
+    else:
+        _, total = _wanted(settings, size, len(steps), seconds, 0)
+        bpp = 8 * total / (len(steps) * size[0] * size[1])
+    return max(shortest, min(round(_FRAMES_BPP / bpp), longest), settings.gop_min)
+
+
+def plan(
+    gops: Sequence[range],
+    steps: Sequence[Step],
+    size: tuple[int, int],
+    settings: EncodeSettings,
+    *,
+    seconds: float,
+    overhead: int,
+    streams: int = 0,
+) -> list[Budget]:
+    """Budgets of all GOPs, before the first is fitted: none depends on what another comes to.
+
+    Args:
+        gops: Frames of each.
+        steps: Every frame as `analyse` measured it.
+        size: Width and height, pixels.
+        settings: What is asked for.
+        seconds: Duration of the video.
+        overhead: Bytes of the file that are neither payloads of GOPs nor copied streams.
+        streams: Bytes of the copied streams; part of `target_size` alone.
+
+    Raises:
+        UsageError: What is asked for is too little for this video.
+    """
+    if not settings.has_target:
+        return [Budget(count) for count in allocate(gops, size, settings)]
+    shots = [steps[gop.start : gop.stop] for gop in gops]
+    sizes: list[int | None] = [None] * len(gops)
+    if settings.target_psnr is not None:
+        area = size[0] * size[1]
+        bits = [len(shot) * area * _bpp(shot, settings.target_psnr) for shot in shots]
+    else:
+        option, total = _wanted(settings, size, gops[-1].stop, seconds, streams)
+        sizes[:] = _shares(shots, total - overhead, option)
+        bits = [8.0 * (each or 0) for each in sizes]
+    budgets = []
+    for shot, each, most_bytes in zip(shots, bits, sizes, strict=True):
+        gaussians = min(max(1, round(each / _BITS_EACH)), most_gaussians(size))
+        grid = _grid(shot, gaussians, size, settings)
+        budgets.append(Budget(gaussians, most_bytes, settings.target_psnr, grid))
+    return budgets
+
+
+def _wanted(
+    settings: EncodeSettings, size: tuple[int, int], frames: int, seconds: float, streams: int
+) -> tuple[str, float]:
+    """The option that says how large the file is to be, and that size without streams, bytes."""
+    if settings.bpp is not None:
+        return f"--bpp {settings.bpp:g}", settings.bpp * size[0] * size[1] * frames / 8
+    if settings.bitrate is not None:
+        return f"--bitrate {settings.bitrate}", settings.bitrate * seconds / 8
+    return f"--target-size {settings.target_size}", (settings.target_size or 0) - streams
+
+
+def _shares(shots: Sequence[Sequence[Step]], total: float, option: str) -> list[int]:
+    """Bytes for each GOP, by length and by how hard its frames are."""
+    spare = total - LEAST_GOP_BYTES * len(shots)
+    if spare < 0:
+        raise UsageError(
+            f"{option} leaves {max(0, round(total))} bytes for {len(shots)} GOPs, which need "
+            f"{LEAST_GOP_BYTES} each; raise it, use longer GOPs or a smaller picture"
+        )
+    needs = np.array([_complexity(shot) ** (_EVENNESS / _FALL) for shot in shots])
+    lengths = np.array([len(shot) for shot in shots])
+    mean = float((needs * lengths).sum()) / int(lengths.sum())
+    shares = lengths * np.clip(needs, mean / _MOST_UNEQUAL, mean * _MOST_UNEQUAL)
+    shares *= spare / shares.sum()
+    return [LEAST_GOP_BYTES + int(share) for share in shares]
+
+
+def _grid(
+    shot: Sequence[Step], gaussians: int, size: tuple[int, int], settings: EncodeSettings
+) -> Grid:
+    """The usual tri-plane, or half as many cells each way where it is dear and moves little."""
+    gx, gy, gt = triplane_grid(size, len(shot), settings)
+    still = fmean(step.motion for step in shot) < _STILL
+    if still and len(shot) * size[0] * size[1] > _SPARSE * gaussians:
+        return -(-gx // 2), -(-gy // 2), -(-gt // 2)
+    return gx, gy, gt
+
+
+def _bpp(steps: Sequence[Step], psnr: float) -> float:
+    """Bits a pixel that frames may need for a quality, dB."""
+    error = 255.0**2 / 10 ** (psnr / 10)
+    return float((_ERROR * _complexity(steps) / error) ** (1 / _FALL))
+
+
+def _complexity(steps: Sequence[Step]) -> float:
+    """How hard frames are to code, mean squared codes."""
+    return fmean(step.change + _DETAIL_SHARE * step.detail + 1.0 for step in steps)
+
+
+def most_gaussians(size: tuple[int, int]) -> int:
+    """One for each two pixels of a frame."""
+    return max(1, size[0] * size[1] // 2)
 
 
 def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> Grid:
@@ -47,7 +206,7 @@ def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSetti
         UsageError: `params` does not even hold the tri-planes.
     """
     width, height = size
-    most = max(1, width * height // 2)
+    most = most_gaussians(size)
     if settings.gaussians is not None:
         return [settings.gaussians] * len(gops)
     frames = sum(len(gop) for gop in gops)

@@ -10,7 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from gsvrcodec.fit.flow import FlowEstimator, Image, motion_degree, resize
+from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, motion_degree, resize
 
 #: Frames are analysed at this height, so that motion does not depend on resolution.
 ANALYSIS_HEIGHT = 180
@@ -29,6 +29,9 @@ class Step:
 
     motion: float  #: mean length of the flow, pixels of the analysed frame
     cut: bool  #: a new scene begins
+    #: what is new: mean squared difference to the frame before, moved along the flow
+    change: float = 0.0
+    detail: float = 0.0  #: mean squared gradient
 
 
 def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
@@ -42,8 +45,9 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
     usual: float | None = None  # running mean of the difference between frames of a scene
     for frame in frames:
         small = resize(frame, ANALYSIS_HEIGHT)
+        detail = _detail(small)
         if previous is None:
-            yield Step(0.0, True)
+            yield Step(0.0, True, 0.0, detail)
         else:
             difference = float(cv2.absdiff(previous, small).mean())
             cut = (
@@ -51,9 +55,28 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
                 and difference > _CUT_RATIO * (usual or 0.0)
                 and _histogram_correlation(previous, small) < _CUT_CORRELATION
             )
-            yield Step(0.0 if cut else motion_degree(estimate(previous, small)), cut)
+            if cut:
+                yield Step(0.0, True, 0.0, detail)
+            else:
+                flow = estimate(previous, small)
+                change = _change(previous, small, flow)
+                yield Step(motion_degree(flow), False, change, detail)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
+
+
+def _detail(image: Image) -> float:
+    values = image.astype(np.float32)
+    gradients = (np.diff(values, axis=axis) for axis in (0, 1))
+    return sum(float(np.square(g).mean()) if g.size else 0.0 for g in gradients)
+
+
+def _change(previous: Image, image: Image, flow: FlowField) -> float:
+    y, x = np.indices(flow.shape[:2], np.float32)
+    moved = cv2.remap(
+        image, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return float(np.square(moved.astype(np.float32) - previous).mean())
 
 
 def _histogram_correlation(first: Image, second: Image) -> float:

@@ -25,7 +25,9 @@ def zoom(size: tuple[int, int], coded_size: tuple[int, int]) -> float:
 def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
     """The level of each Gaussian, (N,), from its canonical logarithms of scale (N, 2)."""
     bounds = [math.log(LEVEL_SCALE * 2**level / zoom) for level in range(1, LEVELS)]
-    return np.searchsorted(np.array(bounds, np.float32), log_scale.min(axis=1), side="right")
+    least = log_scale.min(axis=1)
+    level: NDArray[np.intp] = np.searchsorted(np.array(bounds, np.float32), least, side="right")
+    return level
 
 
 def by_level(gop: Gop) -> Gop:

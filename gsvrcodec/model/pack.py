@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -17,7 +17,7 @@ from gsvrcodec.model.attributes import ATTRIBUTES, Attribute, Grid, expected_pla
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.plane_table import PlaneEntry, parse_plane_table
-from gsvrcodec.model.quantise import Quantiser
+from gsvrcodec.model.quantise import Precision, Quantiser
 from gsvrcodec.model.timing import Ticks, pack_timing, unpack_timing
 from gsvrcodec.planes import PACKS, Codec, PlaneStack, decode_plane, encode_plane
 
@@ -37,7 +37,7 @@ def pack_gop(
     pts: Ticks,
     durations: Ticks,
     first_frame: int,
-    bits: Mapping[str, int],
+    precision: Precision,
     codecs: Collection[Codec] = PACKS["auto"],
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
@@ -47,7 +47,7 @@ def pack_gop(
         pts: Shape (F,), strictly increasing, ticks.
         durations: Shape (F,), ticks, 0 = not known.
         first_frame: Number of its first frame in the file.
-        bits: Bits of each attribute, by the name of its field; 1 to 16.
+        precision: Bits of each attribute (1 to 16), or steps of its components.
         codecs: Plane codecs to choose from.
 
     Raises:
@@ -62,7 +62,7 @@ def pack_gop(
     stacks = _plane_stacks(gaussians, grid)
     for attribute, part, width, height in expected_planes(gaussians, grid):
         values = _component(gop, attribute, part)
-        quantiser = _quantiser(values, attribute, bits[attribute.name])
+        quantiser = _quantiser(values, attribute, part, precision)
         if attribute.grid == "gaussians":
             # The last Gaussian again in the cells that N does not fill; decoders drop them.
             values = np.pad(values[order], (0, width * height - gaussians), mode="edge")
@@ -146,7 +146,7 @@ def plane_table(payload: bytes, limits: Limits | None = None) -> tuple[PlaneEntr
     return _parse(payload, head, limits or Limits.from_environment())[2]
 
 
-def dequantised(gop: Gop, bits: Mapping[str, int]) -> Gop:
+def dequantised(gop: Gop, precision: Precision) -> Gop:
     """What a decoder will get for `gop`, in the order given.
 
     Raises:
@@ -159,7 +159,7 @@ def dequantised(gop: Gop, bits: Mapping[str, int]) -> Gop:
         if original.size:
             for part in range(attribute.components):
                 component = _component(gop, attribute, part)
-                quantiser = _quantiser(component, attribute, bits[attribute.name])
+                quantiser = _quantiser(component, attribute, part, precision)
                 restored = quantiser.dequantise(quantiser.quantise(component))
                 target = result if attribute.components == 1 else result[..., part]
                 target[...] = restored
@@ -211,8 +211,10 @@ def _component(gop: Gop, attribute: Attribute, part: int) -> NDArray[np.floating
     return np.mod(values, np.pi) if attribute.name == "rotation" else values
 
 
-def _quantiser(values: NDArray[np.floating], attribute: Attribute, bits: int) -> Quantiser:
-    quantiser = Quantiser.fit(values, bits)
+def _quantiser(
+    values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
+) -> Quantiser:
+    quantiser = Quantiser.choose(values, attribute, part, precision)
     if quantiser.offset < attribute.low or quantiser.last > attribute.high:
         raise ValueError(
             f"{attribute.name} spans {quantiser.offset:g} to {quantiser.last:g}, "

@@ -1,7 +1,8 @@
-"""Uniform scalar quantisation, and how many bits each attribute gets."""
+"""Uniform scalar quantisation: bits over the range of the values, or steps of a fixed size."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -9,35 +10,28 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.model.attributes import Attribute
 from gsvrcodec.model.gop import Float32Array
 
-#: Bits of each attribute by profile. "paper" is the publication's choice.
-BITS: Mapping[str, Mapping[str, int]] = {
-    "main": {
-        "position": 13,
-        "log_scale": 8,
-        "rotation": 7,
-        "colour": 9,
-        "alpha": 7,
-        "linear": 11,
-        "quadratic": 10,
-        "xy": 9,
-        "xt": 8,
-        "yt": 8,
-    },
-    "paper": {
-        "position": 16,
-        "log_scale": 8,
-        "rotation": 8,
-        "colour": 16,
-        "alpha": 8,
-        "linear": 8,
-        "quadratic": 8,
-        "xy": 16,
-        "xt": 16,
-        "yt": 16,
-    },
+_MAX_BITS = 16
+
+#: Bits of each attribute as the publication has them.
+PAPER_BITS: Mapping[str, int] = {
+    "position": 16,
+    "log_scale": 8,
+    "rotation": 8,
+    "colour": 16,
+    "alpha": 8,
+    "linear": 8,
+    "quadratic": 8,
+    "xy": 16,
+    "xt": 16,
+    "yt": 16,
 }
+#: Steps of each component of each attribute, by the name of its field in `Gop`.
+Steps = Mapping[str, tuple[float, ...]]
+#: Steps, or bits of each attribute over the range of its values.
+Precision = Steps | Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +41,20 @@ class Quantiser:
     bits: int  #: 1 to 16
     offset: float  #: value of code 0; a float32
     step: float  #: distance of neighbouring values; a float32, 0 = all codes give the offset
+
+    @classmethod
+    def choose(
+        cls, values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
+    ) -> Self:
+        """The quantiser that `precision` asks for, for one component of an attribute.
+
+        Raises:
+            ValueError: A value is not finite.
+        """
+        wanted = precision[attribute.name]
+        if isinstance(wanted, int):
+            return cls.fit(values, wanted)
+        return cls.of_step(values, wanted[part], (attribute.low, attribute.high))
 
     @classmethod
     def fit(cls, values: NDArray[np.floating], bits: int) -> Self:
@@ -65,6 +73,36 @@ class Quantiser:
         offset = np.float32(low)
         step = np.float32((high - float(offset)) / ((1 << bits) - 1))
         return cls(bits, float(offset), float(max(step, np.float32(0))))
+
+    @classmethod
+    def of_step(
+        cls, values: NDArray[np.floating], step: float, bounds: tuple[float, float]
+    ) -> Self:
+        """The quantiser to whole multiples of `step`, with as many bits as the values need.
+
+        Values are clipped where 16 bits, or the bounds, leave no room: to the multiples around
+        their median.
+
+        Args:
+            values: Any shape, at least one value, all finite.
+            step: Above 0.
+            bounds: Least and largest value that a code may stand for.
+
+        Raises:
+            ValueError: A value is not finite.
+        """
+        if not np.isfinite(values).all():
+            raise ValueError("a value to quantise is not finite")
+        size = float(np.float32(step))
+        least, most = math.ceil(bounds[0] / size), math.floor(bounds[1] / size) - 1
+        codes = np.clip(np.rint(np.asarray(values, np.float64) / size), least, most)
+        low, high = int(codes.min()), int(codes.max())
+        room = (most - least + 1).bit_length() - 1
+        bits = min(max(1, (high - low).bit_length()), room, _MAX_BITS)
+        if high - low >> bits:
+            low = round(float(np.median(codes))) - (1 << (bits - 1))
+        low = max(least, min(low, most + 1 - (1 << bits)))
+        return cls(bits, float(np.float32(low * size)), size)
 
     @property
     def last(self) -> float:

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def unpacked(done: EncodedGop, job: GopTask) -> GopContent:
         width=width,
         height=height,
         time_base=Fraction(1, 12800),
-        max_gaussians=job.gaussians,
+        max_gaussians=10**6,
         max_gop_frames=len(job.frames),
         max_grid=(64, 64, 64),
     )
@@ -84,11 +84,43 @@ class TestContent:
             unpacked(one, auto).gop.position, unpacked(other, job).gop.position
         )
 
-    def test_qat_does_not_hurt(self) -> None:
+    @pytest.mark.parametrize("profile", ["main", "paper"])
+    def test_qat(self, profile: str) -> None:
         frames = sample(making.BUNNY_SMALL, (96, 64), 4)
-        with_it, without = (encode_gop(task(frames, 200, qat=qat)) for qat in (True, False))
+        jobs = [task(frames, 200, qat=qat, profile=profile) for qat in (True, False, None)]
+        with_it, without, default = map(encode_gop, jobs)
         assert with_it.payload != without.payload
-        assert with_it.psnr > without.psnr - 0.3
+        assert with_it.psnr > without.psnr - 0.5
+        assert default.payload == (with_it if profile == "paper" else without).payload
+
+    def test_rounding_costs_little(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (160, 96), 6)
+        done = encode_gop(task(frames, 600))
+        assert done.float_psnr - done.psnr < 0.25
+
+
+class TestTargets:
+    @pytest.mark.parametrize("size", [4000, 9000])
+    def test_size(self, size: int) -> None:
+        frames = sample(making.BUNNY_SMALL, (160, 96), 6)
+        job = replace(task(frames, size // 9, first_frame=8), target_bytes=size)
+        done = encode_gop(job)
+        assert 0.97 * size <= len(done.payload) <= 1.01 * size
+        assert quality(unpacked(done, job), frames) == pytest.approx(done.psnr, abs=0.02)
+
+    @pytest.mark.parametrize(("guess", "wanted"), [(300, 27.0), (20, 29.0), (2000, 28.0)])
+    def test_quality(self, guess: int, wanted: float) -> None:
+        frames = sample(making.BUNNY_SMALL, (160, 96), 6)
+        job = replace(task(frames, guess), target_psnr=wanted)
+        done = encode_gop(job)
+        assert done.psnr == pytest.approx(wanted, abs=0.1)
+
+    def test_more_bytes_are_better(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (160, 96), 4)
+        small, large = (
+            encode_gop(replace(task(frames, 300), target_bytes=size)) for size in (3000, 6000)
+        )
+        assert large.psnr > small.psnr + 0.5
 
 
 class TestEverySize:
@@ -145,8 +177,9 @@ class TestPurity:
         backward = [encode_gop(second).payload, encode_gop(first).payload]
         assert forward == backward[::-1]
 
-    def test_threads_do_not_matter(self) -> None:
-        job = self.jobs()[0]
+    @pytest.mark.parametrize("target", [{}, {"target_bytes": 3000}, {"target_psnr": 24.0}], ids=str)
+    def test_threads_do_not_matter(self, target: dict[str, Any]) -> None:
+        job = replace(self.jobs()[0], **target)
         payloads = {
             encode_gop(replace(job, settings=replace(job.settings, threads=threads))).payload
             for threads in (1, 2, 3)

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import itertools
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.plan import GAUSSIAN_PARAMETERS, allocate, grid_parameters, triplane_grid
+from gsvrcodec.fit.plan import (
+    GAUSSIAN_PARAMETERS,
+    Budget,
+    allocate,
+    grid_parameters,
+    longest_gop,
+    plan,
+    triplane_grid,
+)
 from gsvrcodec.fit.settings import Deform, EncodeSettings, Profile
+from gsvrcodec.fit.slicing import Step
 
 LENGTHS = st.lists(st.integers(1, 60), min_size=1, max_size=12)
 SIZES = st.tuples(st.integers(1, 4000), st.integers(1, 4000))
@@ -89,3 +98,104 @@ def test_no_grid_for_a_polynomial(profile: Profile) -> None:
     settings = EncodeSettings(deform="polynomial", profile=profile)
     assert triplane_grid((1280, 640), 24, settings) == (0, 0, 0)
     assert grid_parameters((0, 0, 0)) == 0
+
+
+class TestPlan:
+    SIZE = (320, 180)
+
+    def steps(self, *changes: float) -> list[Step]:
+        """Return 30 frames of each of these rates of change."""
+        return [Step(0.1, False, change, 300.0) for change in changes for _ in range(30)]
+
+    def budgets(self, *changes: float, **settings: Any) -> list[Budget]:
+        gops = ranges([30] * len(changes))
+        chosen = EncodeSettings(**settings)
+        return plan(gops, self.steps(*changes), self.SIZE, chosen, seconds=2.0, overhead=1000)
+
+    @pytest.mark.parametrize(
+        ("settings", "total"),
+        [
+            ({"bpp": 0.2}, 0.2 * 320 * 180 * 90 / 8),
+            ({"bitrate": 800_000}, 200_000),
+            ({"target_size": 150_000}, 150_000),
+        ],
+    )
+    def test_the_file_is_used_up(self, settings: dict[str, Any], total: float) -> None:
+        sizes = [budget.target_bytes or 0 for budget in self.budgets(9, 2, 30, **settings)]
+        assert total - 1000 - 3 <= sum(sizes) <= total - 1000
+
+    def test_copied_streams_count_for_the_size_alone(self) -> None:
+        gops, steps = ranges([30]), self.steps(9)
+        for settings, less in (({"target_size": 90_000}, 20_000), ({"bpp": 0.2}, 0)):
+            sizes = [
+                plan(
+                    gops,
+                    steps,
+                    self.SIZE,
+                    EncodeSettings(**settings),  # type: ignore[arg-type]
+                    seconds=1.0,
+                    overhead=1000,
+                    streams=streams,
+                )[0].target_bytes
+                for streams in (0, 20_000)
+            ]
+            assert (sizes[0] or 0) - (sizes[1] or 0) == less
+
+    def test_what_is_harder_gets_more(self) -> None:
+        still, moving = self.budgets(1, 50, bpp=0.2)
+        assert 1.3 * still.gaussians < moving.gaussians
+        still, wild = self.budgets(1, 1e9, bpp=0.2)
+        assert (wild.target_bytes or 0) < 20 * (still.target_bytes or 0)
+
+    def test_a_quality_is_the_same_for_all(self) -> None:
+        still, moving = self.budgets(1, 30, target_psnr=36.0)
+        assert still.target_psnr == moving.target_psnr == 36.0
+        assert still.gaussians < moving.gaussians
+        assert self.budgets(1, target_psnr=38.0)[0].gaussians > still.gaussians
+
+    def test_a_still_gop_of_few_gaussians_has_a_coarser_grid(self) -> None:
+        few, many = (self.budgets(9, bpp=bpp)[0].grid for bpp in (0.02, 0.5))
+        assert few == (8, 5, 15)
+        assert many == triplane_grid(self.SIZE, 30, EncodeSettings()) == (16, 9, 30)
+
+    def test_no_target(self) -> None:
+        assert self.budgets(1, 30, gaussians=77) == [Budget(77)] * 2
+
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            ({"bpp": 1e-5}, "--bpp 1e-05 leaves 0 bytes for 1 GOPs"),
+            ({"bitrate": 9000}, "--bitrate 9000 leaves 1250 bytes"),
+            ({"target_size": 2000}, "--target-size 2000 leaves 1000 bytes"),
+        ],
+    )
+    def test_too_little_fails(self, settings: dict[str, Any], message: str) -> None:
+        with pytest.raises(UsageError, match=message):
+            self.budgets(1, **settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "frames"),
+    [
+        ({}, 32),
+        ({"gop_min": 40}, 40),
+        ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
+        ({"bpp": 0.2}, 32),
+        ({"bpp": 0.05}, 64),
+        ({"bpp": 0.001}, 128),
+        ({"bitrate": 57600}, 64),
+    ],
+)
+def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
+    steps = [Step(0.1, False, 5.0, 300.0)] * 60
+    chosen = EncodeSettings(**settings)
+    assert longest_gop(steps, (320, 180), chosen, seconds=3.0) == frames
+
+
+def test_low_quality_has_longer_gops() -> None:
+    steps = [Step(0.1, False, 5.0, 300.0)] * 60
+    low, high = (
+        longest_gop(steps, (320, 180), EncodeSettings(target_psnr=psnr), seconds=3.0)
+        for psnr in (28.0, 40.0)
+    )
+    assert low > 2 * high

@@ -19,6 +19,10 @@ from gsvrcodec.fit.settings import EncodeSettings
         {"params": 3_000_000, "time_budget": 2.0},
         {"gaussians": 1, "preset": "slowest"},
         {"gop": 1},
+        {"bpp": 0.05, "time_budget": 2.0},
+        {"bitrate": 1_500_000, "workers": 2},
+        {"target_size": 10_000_000},
+        {"target_psnr": 38.5},
         {"gop_min": 7, "gop_max": 7},
         {"profile": "paper", "deform": "triplane", "pack": "png", "qat": False},
         {"crop": (16, 16, None, None), "start_frame": 3, "frames": 1},
@@ -35,6 +39,14 @@ def test_good(settings: dict[str, Any]) -> None:
     [
         ({"params": 1, "gaussians": 1}, "--params and --gaussians exclude each other"),
         ({"preset": "slow", "time_budget": 1.0}, "--preset and --time-budget exclude each other"),
+        ({"bpp": 0.1, "bitrate": 1000}, "--bpp and --bitrate exclude each other; give one"),
+        ({"params": 9, "target_size": 9}, "--params and --target-size exclude each other"),
+        ({"target_psnr": 38, "profile": "paper"}, "cannot meet --target-psnr"),
+        ({"bpp": 0.0}, "--bpp must be above 0 bits a pixel, not 0.0"),
+        ({"target_psnr": float("nan")}, "--target-psnr must be above 0 dB"),
+        ({"target_size": 0}, "--target-size must be above 0 bytes, not 0"),
+        ({"bitrate": -5}, "--bitrate must be above 0 bits a second"),
+        ({"workers": -1}, "--workers must be at least 0"),
         ({"gop_min": 9, "gop_max": 8}, "--gop-min 9 is more than --gop-max 8"),
         ({"preset": "quick"}, "--preset must be one of fastest, fast, medium, slow, slowest"),
         ({"profile": "ours"}, "--profile must be one of main, paper, not 'ours'"),
@@ -71,4 +83,8 @@ def test_frozen() -> None:
 def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
     recorded = EncodeSettings(params=5, crop=(2, 2, None, None)).recorded()
     assert json.loads(json.dumps(recorded)) == {**recorded, "crop": [2, 2, None, None]}
-    assert set(recorded) == {field.name for field in fields(EncodeSettings)} - {"threads"}
+    assert set(recorded) == {field.name for field in fields(EncodeSettings)} - {
+        "device",
+        "threads",
+        "workers",
+    }

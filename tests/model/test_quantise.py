@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.model.quantise import BITS, Quantiser
+from gsvrcodec.model.quantise import PAPER_BITS, Quantiser
 
 VALUES = arrays(
     np.float32,
@@ -60,8 +60,45 @@ class TestQuantiser:
             Quantiser.fit(np.array([0, value], np.float32), 8)
 
 
-class TestBits:
-    @pytest.mark.parametrize("profile", BITS)
-    def test_every_attribute_has_bits(self, profile: str) -> None:
-        assert set(BITS[profile]) == {attribute.name for attribute in ATTRIBUTES}
-        assert all(1 <= bits <= 16 for bits in BITS[profile].values())
+class TestSteps:
+    BOUNDS = (-1024.0, 1024.0)
+
+    @given(values=VALUES, step=st.floats(2**-4, 100.0))
+    def test_values_are_whole_steps(self, values: Float32Array, step: float) -> None:
+        quantiser = Quantiser.of_step(values, step, (-4096.0, 4096.0))
+        stored = quantiser.dequantise(quantiser.quantise(values)).astype(np.float64)
+        assert np.abs(stored - values).max() <= 0.501 * quantiser.step
+        whole = stored / quantiser.step
+        assert np.abs(whole - np.rint(whole)).max() < 1e-2
+
+    def test_no_more_bits_than_the_values_need(self) -> None:
+        values = np.array([-0.3, 0.2, 0.41], np.float32)
+        quantiser = Quantiser.of_step(values, 0.1, self.BOUNDS)
+        assert quantiser.bits == 3
+        assert quantiser.offset == pytest.approx(-0.3)
+
+    def test_outliers_are_clipped_where_16_bits_are_too_few(self) -> None:
+        values = np.array([0.001, 0.002, 0.003, 900.0], np.float32)
+        quantiser = Quantiser.of_step(values, 0.001, self.BOUNDS)
+        stored = quantiser.dequantise(quantiser.quantise(values))
+        assert quantiser.bits == 16
+        np.testing.assert_allclose(stored[:3], values[:3], atol=1e-5)
+        assert 30 < stored[3] < 66
+
+    @pytest.mark.parametrize("values", [[-31.9, 0, 0.1], [12.9, 12.9], [-32, 12, 13]])
+    def test_no_code_is_out_of_bounds(self, values: list[float]) -> None:
+        wanted = np.array(values, np.float32)
+        quantiser = Quantiser.of_step(wanted, 0.012, (-32.0, 13.0))
+        assert quantiser.offset >= -32
+        assert quantiser.last <= 13
+        stored = quantiser.dequantise(quantiser.quantise(wanted))
+        assert np.abs(stored - wanted).min() < 0.02
+
+    def test_a_value_that_is_not_finite_fails(self) -> None:
+        with pytest.raises(ValueError, match="not finite"):
+            Quantiser.of_step(np.array([0, np.nan], np.float32), 1.0, self.BOUNDS)
+
+
+def test_the_paper_s_bits() -> None:
+    assert set(PAPER_BITS) == {attribute.name for attribute in ATTRIBUTES}
+    assert all(1 <= bits <= 16 for bits in PAPER_BITS.values())

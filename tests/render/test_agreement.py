@@ -34,7 +34,7 @@ def test_times(tau: float, isa: str) -> None:
     scenes.assert_gradients_close(scenes.native_gradients(scene, weights, tau), gradients)
 
 
-@pytest.mark.parametrize("name", ["mixed", "larger", "1x1", "none", "thin"])
+@pytest.mark.parametrize("name", ["mixed", "larger", "1x1", "none", "thin", "wide"])
 def test_codes(name: str, isa: str) -> None:
     scene = SCENES[name]
     taus = np.array([-0.7, 0.4], np.float32)
