@@ -27,16 +27,18 @@ class Pool {
         if (!owner.owns_lock()) return false;
         while (static_cast<int>(workers_.size()) < threads - 1)
             workers_.emplace_back([this, seen = generation_.load()] { serve(seen); });
+        const int wanted = std::min(threads, count) - 1;
         {
             std::lock_guard<std::mutex> lock(mutex_);
             jobs_ = jobs;
             count_ = count;
             next_ = 0;
             joined_ = 0;
-            places_ = std::min(threads, count) - 1;
+            places_ = wanted;
             ++generation_;
         }
-        wake_.notify_all();
+        // Not all: more than the machine has cores may be left from a call that asked for them.
+        for (int woken = 0; woken < wanted; ++woken) wake_.notify_one();
         take_jobs(0);
         {
             // A worker that has not come yet is not waited for: the machine may be busy.
@@ -60,9 +62,8 @@ class Pool {
             int worker = 0;
             {
                 std::unique_lock<std::mutex> lock(mutex_);
-                wake_.wait(lock, [&] { return generation_.load() != seen; });
+                wake_.wait(lock, [&] { return joined_ < places_ && generation_.load() != seen; });
                 seen = generation_.load();
-                if (joined_ == places_) continue;
                 worker = ++joined_;
                 busy_.fetch_add(1);
             }

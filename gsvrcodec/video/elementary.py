@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
@@ -100,6 +101,8 @@ def encode_stream(
             if number == 0:
                 context.pix_fmt = frame.format.name
                 context.colorspace, context.color_range = frame.colorspace, frame.color_range
+                with _own_scheduling():
+                    context.open()
             frame.pts, frame.time_base = number, context.time_base
             packets += context.encode(frame)
         packets += context.encode(None)
@@ -109,6 +112,24 @@ def encode_stream(
             f"{', '.join(f'{key} {value}' for key, value in options.items())}: {error.strerror}"
         ) from error
     return ElementaryStream(tuple(packets))
+
+
+@contextmanager
+def _own_scheduling() -> Iterator[None]:
+    """Undo a change of how this thread is scheduled.
+
+    SVT-AV1 makes whoever opens it a real-time thread if root does; all that is started later
+    would be one too, and keep everything else off its core.
+    """
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        if os.sched_getscheduler(0) != policy:
+            os.sched_setscheduler(0, policy, priority)
 
 
 def ycbcr_frames(pictures: Iterable[Rgb], info: VideoInfo) -> Iterator[av.VideoFrame]:

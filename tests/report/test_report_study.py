@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -99,6 +100,12 @@ class TestReferences:
     def test_odd_sizes_and_deep_colour(self, source: Path) -> None:
         best, _, worst = curve_of("x264", source, 2).points
         assert best.quality.psnr_rgb > 34 > worst.quality.psnr_rgb
+
+    @pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
+    def test_other_work_is_scheduled_as_before(self) -> None:
+        before = os.sched_getscheduler(0)
+        curve_of("svtav1", crfs=[50])
+        assert os.sched_getscheduler(0) == before
 
     def test_refusing_encoder_is_named(self) -> None:
         with open_video(making.NOISE, (16, 16, 0, 0), frames=2) as video:
