@@ -132,7 +132,7 @@ class TestPlan:
                     gops,
                     steps,
                     self.SIZE,
-                    EncodeSettings(**settings),  # type: ignore[arg-type]
+                    EncodeSettings(**settings),
                     seconds=1.0,
                     overhead=1000,
                     streams=streams,

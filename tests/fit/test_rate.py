@@ -19,7 +19,7 @@ from gsvrcodec.fit.rate import COARSEST, FINEST, Target, find_factor
 )
 def test_a_size_is_met_from_below(scale: float, slope: float, answer: float, first: float) -> None:
     def size(factor: float) -> float:
-        return scale * (factor**-slope + 0.1)
+        return scale * (math.pow(factor, -slope) + 0.1)
 
     wanted = Target.of_size(max(1, int(size(answer))))
     found = find_factor(size, wanted, first)

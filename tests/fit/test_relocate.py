@@ -29,7 +29,7 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     before = field.gop()
     shown = render_frames(before, times(3), SIZE, SIZE)
     # The picture is met everywhere but in its lower right.
-    wanted = shown.copy()
+    wanted = shown.astype(np.uint8)
     wanted[:, 40:, 60:] = 255 - wanted[:, 40:, 60:]
     order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1), 1)
     after = field.gop()

@@ -21,10 +21,10 @@ def test_a_gaussian_is_a_pixel_wide_on_its_level(level: int) -> None:
 
 
 def test_levels_end() -> None:
-    huge, tiny, not_a_number = [[9.0, 9.0]], [[-9.0, 9.0]], [[np.nan, 0.0]]
-    assert level_of(np.float32(huge), 1.0) == LEVELS - 1
-    assert level_of(np.float32(tiny), 1.0) == 0
-    assert level_of(np.float32(not_a_number), 1.0) in range(LEVELS)
+    log_scale = np.array([[9, 9], [-9, 9], [np.nan, 0]], np.float32)
+    huge, tiny, not_a_number = level_of(log_scale, 1.0).tolist()
+    assert (huge, tiny) == (LEVELS - 1, 0)
+    assert not_a_number in range(LEVELS)
 
 
 def test_a_larger_frame_has_coarser_levels() -> None:
