@@ -30,13 +30,15 @@ def rows_of(results: dict[str, Json], table: str) -> list[Json]:
 
 
 def our_curves(results: dict[str, Json]) -> dict[str, list[tuple[float, float]]]:
-    """Return bpp and PSNR of our points, by a label for each way to get them."""
-    labels = {"rate": "GSVR, 8 s a frame", "rate-2s": "GSVR, 2 s a frame"}
-    curves = {
-        label: sorted((row["bpp"], row["psnr"]) for row in rows_of(results, name))
-        for name, label in labels.items()
-    }
-    return {label: points for label, points in curves.items() if points}
+    """Return bpp and PSNR of our points, by a label for each time an encode may take."""
+    rows = [row for name in ("rate", "rate-2s", "time", "slow") for row in rows_of(results, name)]
+    curves = {}
+    for seconds in (8.0, 2.0):
+        points = [r for r in rows if r["settings"].get("time_budget") == seconds]
+        if any("bpp" in row["settings"] for row in points):
+            label = f"GSVR, {seconds:.0f} s a frame"
+            curves[label] = sorted((row["bpp"], row["psnr"]) for row in points)
+    return curves
 
 
 def reference_curves(reference: Json) -> dict[str, list[tuple[float, float]]]:
