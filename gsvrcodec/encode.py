@@ -6,37 +6,32 @@ import io
 import json
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from fractions import Fraction
-from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
-
-import numpy as np
 
 from gsvrcodec.container.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.container.header import Header
 from gsvrcodec.container.tags import Tags
 from gsvrcodec.container.writer import GsvrWriter
-from gsvrcodec.errors import InputError, NotAVideoError, UsageError
+from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import check_output, fingerprint, gathered_output, is_stream
 from gsvrcodec.fit.flow import flow_estimator
-from gsvrcodec.fit.gop import FRAME_VISITS, GopTask
-from gsvrcodec.fit.plan import Budget, longest_gop, plan
+from gsvrcodec.fit.plan import longest_gop, plan
 from gsvrcodec.fit.settings import EncodeSettings
 from gsvrcodec.fit.slicing import Step, analyse, slice_gops
 from gsvrcodec.parts import Parts
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.results import EncodeResult, GopStats, Meter, Progress
+from gsvrcodec.tasks import processes_for, tasks
 from gsvrcodec.verify import verify_file
 from gsvrcodec.versions import versions
 from gsvrcodec.video import (
     Extras,
     Rgb,
-    SourceFrame,
     Span,
     VideoInfo,
     VideoReader,
@@ -45,12 +40,9 @@ from gsvrcodec.video import (
     reading_options,
     rereadable,
 )
-from gsvrcodec.workers import FittedGop, fit_gops, processes, starts
+from gsvrcodec.workers import FittedGop, fit_gops
 
 __all__ = ["EncodeResult", "GopStats", "Progress", "encode"]
-
-#: Roughly what a step of the fit takes for each pixel of its frame.
-_VISIT_SECONDS = 15e-9
 
 
 def encode(
@@ -121,11 +113,11 @@ def encode(
             streams=extras.streams_bytes,
         )
         missing = [gop for gop in gops if gop not in parts]
-        workers, threads = _processes(missing, size, chosen)
-        tasks = _tasks(video, gops, budgets, chosen, parts, workers, began)
+        workers, threads = processes_for(missing, size, chosen)
+        waiting = tasks(video, gops, budgets, chosen, set(missing), workers, began)
         meter = Meter(gops, parts, began, progress)
         meter.report()
-        with closing(fit_gops(tasks, workers, threads)) as fitted:
+        with closing(fit_gops(waiting, workers, threads)) as fitted:
             for done in fitted:
                 _keep(done, parts)
                 meter.report()
@@ -202,76 +194,6 @@ def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Ex
     if extras.tags != Tags():
         writer.add_auxiliary(METADATA_TYPE, extras.tags.to_bytes())
     return writer
-
-
-def _processes(
-    gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
-) -> tuple[int, int]:
-    """Processes and threads to encode these GOPs with."""
-    frames, pixels = [len(gop) for gop in gops], size[0] * size[1]
-    pace = settings.time_budget or _VISIT_SECONDS * FRAME_VISITS[settings.preset] * pixels
-    return processes(
-        # One process keeps a GPU busy.
-        settings.workers or int(settings.device != "cpu"),
-        settings.threads,
-        gops=len(gops),
-        gop_bytes=3 * pixels * max(frames, default=0),
-        seconds=pace * sum(frames),
-    )
-
-
-def _tasks(
-    video: VideoReader,
-    gops: Sequence[range],
-    budgets: Sequence[Budget],
-    settings: EncodeSettings,
-    parts: Parts,
-    workers: int,
-    began: float,
-) -> Iterator[GopTask]:
-    """What is still to be fitted, read when it is asked for."""
-    missing = [gop for gop in gops if gop not in parts]
-    turns, end = starts([len(gop) for gop in missing], workers)
-    turn_of = dict(zip(missing, turns, strict=True))
-    whole = sum(map(len, missing))
-    shots = iter(video)
-    for gop, budget in zip(gops, budgets, strict=True):
-        if gop not in turn_of:
-            deque(islice(shots, len(gop)), maxlen=0)
-            continue
-        seconds = None
-        if settings.time_budget is not None:
-            # A share of what is left, in proportion to its frames and those that wait for it.
-            left = settings.time_budget * whole - (time.perf_counter() - began)
-            seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
-        yield _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
-
-
-def _task(
-    info: VideoInfo,
-    shots: Iterator[SourceFrame],
-    gop: range,
-    budget: Budget,
-    settings: EncodeSettings,
-    seconds: float | None,
-) -> GopTask:
-    frames = np.empty((len(gop), info.height, info.width, 3), np.uint8)
-    times = np.empty((2, len(gop)), np.int64)
-    found = 0
-    for found, shot in enumerate(shots, 1):
-        frames[found - 1] = shot.rgb
-        times[:, found - 1] = shot.pts, shot.duration
-    if found < len(gop):
-        raise InputError(f"{info.path} became shorter while it was read")
-    return GopTask(
-        frames=frames,
-        pts=times[0],
-        durations=times[1],
-        first_frame=gop.start,
-        settings=settings,
-        seconds=seconds,
-        **asdict(budget),
-    )
 
 
 def _keep(done: FittedGop, parts: Parts) -> None:

@@ -55,6 +55,7 @@ ALLOWED: dict[str, set[str]] = {
     "results": {"parts"},
     "versions": {"container", "native", "video"},
     "workers": {"errors", "fit", "native"},
+    "tasks": {"errors", "fit", "video", "workers", "numpy"},
     "verify": {"errors", "metrics", "video", "decode", "numpy"},
     "encode": {
         "errors",
@@ -66,9 +67,9 @@ ALLOWED: dict[str, set[str]] = {
         "parts",
         "results",
         "versions",
+        "tasks",
         "workers",
         "verify",
-        "numpy",
     },
     "schedule": {"errors", "frames", "decode"},
     "transcode": {"errors", "limits", "model", "video", "pictures", "schedule", "decode"},

@@ -190,7 +190,7 @@ def main(args: Sequence[str] | None = None) -> int:
 @click.option(
     "--qat/--no-qat",
     default=_DEFAULTS.qat,
-    help="Fine-tune under the quantisation to come; without either as the profile does.",
+    help="Fine-tune under the quantisation to come.",
 )
 @click.option(
     "--pack",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.settings import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.native import _core
 
 NAMES = Gop.__slots__
@@ -57,6 +58,12 @@ class Field:
         if "alpha" in self.raw:
             out["alpha"] = torch.sigmoid(out["alpha"])
         return {name: out[name] for name in NAMES}
+
+    def fix(self, values: Mapping[str, Float32Array]) -> None:
+        """Give attributes of `Gop` values that stay as they are: they leave `raw`."""
+        for name, value in values.items():
+            self.raw.pop(name, None)
+            self._fixed[name] = torch.from_numpy(value).to(self.device)
 
     def uploaded(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8] | Tensor:
         """Frames where they are compared with this field: a tensor if it is on a GPU."""

@@ -11,7 +11,6 @@ from statistics import fmean
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.flow import flow_estimator
@@ -23,6 +22,7 @@ from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.fit.rate import Target, find_factor
 from gsvrcodec.fit.sensitivity import sensitivity
 from gsvrcodec.fit.settings import EncodeSettings, Pack
+from gsvrcodec.fit.settle import settle
 from gsvrcodec.fit.still import with_still
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Gop
@@ -35,20 +35,24 @@ from gsvrcodec.render.device import choose_device
 
 #: Visits of each frame, by preset.
 FRAME_VISITS = {"fastest": 12, "fast": 40, "medium": 100, "slow": 400, "slowest": 1000}
-_MIN_STEPS = 100
-#: Part of the effort after which the fit sees quantised values.
+_MIN_STEPS, _MIN_TUNING_STEPS = 100, 30
+#: Part of the effort after which the publication's fit sees quantised values.
 _QAT_FROM = 0.9
+#: Part of the effort that goes into fine-tuning while rounding.
+_TUNING = 0.12
+#: What that leaves of what rounding costs (dB); trials to meet a quality, and when it is met (dB).
+_LEFT, _MOST_TUNINGS, _NEAR = 0.62, 3, 0.04
+#: Room for what fine-tuning may add to a size.
+_SIZE_ROOM = 0.003
 #: With a quality to meet: part of the effort of a first fit, that tells the number of Gaussians.
 _PILOT = 1 / 6
 #: What it lacks of a whole fit (dB) falls with its steps: by a factor, and to a power of them.
 _PILOT_LACKS = 119.0, -0.65
 #: What rounding costs at sensible steps, dB.
-_ROUNDING_LOSS = 0.45
+_ROUNDING_LOSS = 0.4
 #: Quality before rounding that is right for a target, beyond what rounding costs, dB; otherwise
 #: there is another fit, that aims at the middle, but no more than so many.
-_SPARE, _MOST_REFITS = (-0.2, 0.8), 3
-
-Tensors = dict[str, Tensor]
+_SPARE, _MOST_REFITS = (-0.2, 0.8), 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,10 +103,7 @@ def encode_gop(task: GopTask) -> EncodedGop:
 
 
 class _Fitted:
-    """A fit of a GOP, and how finely it is stored.
-
-    That is chosen when quantisation starts, and once more at the end.
-    """
+    """A fit of a GOP, and what is stored of it."""
 
     def __init__(
         self, task: GopTask, gaussians: int, *, share: float = 1.0, spent: float = 0.0
@@ -120,35 +121,35 @@ class _Fitted:
         self.gaussians = gaussians
         self._taus = taus = normalised_time(task.pts)
         self._size = size = frames.shape[2], frames.shape[1]
-        self._factor: float | None = None
-        self._changes: Gop | None = None
-        self._fake: Callable[[Tensors], Tensors] | None = None
         rng = np.random.default_rng([settings.seed, task.first_frame])
-        paper = settings.profile == "paper"
-        qat = (paper if settings.qat is None else settings.qat) and share == 1.0
+        self._paper = settings.profile == "paper"
         grid = task.grid or triplane_grid(size, len(frames), settings)
-        if paper:
+        if self._paper:
             start = random_start(frames, gaussians, grid, rng)
         else:
             flow = None if settings.deform == "triplane" else flow_estimator(settings.flow)
             start = content_aware(frames, taus, gaussians, grid, flow, rng)
         self._field = Field(start, settings.deform, choose_device(settings.device))
-        steps = max(_MIN_STEPS, round(share * FRAME_VISITS[settings.preset] * len(frames)))
+        steps = share * FRAME_VISITS[settings.preset] * len(frames)
         seconds = None
+        self._tuning_seconds = None
+        tuning = 0.0 if self._paper or not settings.qat else _TUNING
         if task.seconds is not None:
             # Packing takes its share too.
             left = share * 0.92 * task.seconds - spent - (time.perf_counter() - began)
-            seconds = max(0.1, left)
-        self._effort = Effort(steps, seconds)
+            seconds = max(0.1, (1 - tuning) * left)
+            self._tuning_seconds = max(0.1, tuning * left)
+        self._tuning_steps = max(_MIN_TUNING_STEPS, round(tuning * steps)) if tuning else 0
+        self._effort = Effort(max(_MIN_STEPS, round((1 - tuning) * steps)), seconds)
         with _single_torch_thread():
             optimise(
                 self._field,
                 frames,
                 taus,
-                PAPER if paper else MAIN,
+                PAPER if self._paper else MAIN,
                 self._effort,
                 rng,
-                quantise=self._quantise if qat else None,
+                quantise=fake_quantiser(PAPER_BITS) if self._paper and settings.qat else None,
                 quantise_from=_QAT_FROM,
                 threads=settings.threads,
             )
@@ -168,60 +169,87 @@ class _Fitted:
         return min(max(1, round(wanted)), most_gaussians(self._size))
 
     def encoded(self) -> EncodedGop:
-        """Pack the fit."""
-        gop, precision = self._field.gop(), self._choose()
-        stored = self._stored(gop, self._factor)
+        """Round and pack the fit."""
+        gop = self._field.gop()
+        float_psnr = self._quality(gop)
+        stored, precision = (gop, PAPER_BITS) if self._paper else self._rounded(gop, float_psnr)
         return EncodedGop(
             payload=self._pack(stored, precision, self._task.settings.pack),
             psnr=self._quality(dequantised(stored, precision)),
-            float_psnr=self._quality(gop),
+            float_psnr=float_psnr,
         )
 
-    def _stored(self, gop: Gop, factor: float | None) -> Gop:
-        """What is stored of the fit in steps of this factor."""
-        if self._changes is None or factor is None:
-            return gop
-        return with_still(gop, self._changes, factor)
-
-    def _quantise(self, tensors: Tensors) -> Tensors:
-        if self._fake is None:
-            self._fake = fake_quantiser(self._choose())
-        return self._fake(tensors)
-
-    def _choose(self) -> Precision:
-        """The precision that meets the target with the field as it is now."""
+    def _rounded(self, gop: Gop, float_psnr: float) -> tuple[Gop, Precision]:
+        """What is stored of the fit, and the precision that meets the target."""
         task = self._task
-        if task.settings.profile == "paper":
-            return PAPER_BITS
-        gop = self._field.gop()
-        if self._changes is None:
-            rng = np.random.default_rng([task.settings.seed, task.first_frame])
-            self._changes = sensitivity(gop, self._taus, self._size, rng, task.settings.threads)
-        changes = self._changes
-        factor = self._factor or usual_factor(
-            task.frames[..., 0].size, self.gaussians, self._quality(gop)
-        )
+        rng = np.random.default_rng([task.settings.seed, task.first_frame])
+        changes = sensitivity(gop, self._taus, self._size, rng, task.settings.threads)
         pack = task.settings.pack
         quick: Pack = "entropy" if pack == "auto" else pack
 
+        def stored(factor: float) -> tuple[Gop, Precision]:
+            return with_still(gop, changes, factor), equal_slope_steps(changes, factor)
+
         def size(factor: float, pack: Pack = quick) -> int:
-            steps = equal_slope_steps(changes, factor)
-            return len(self._pack(self._stored(gop, factor), steps, pack))
+            return len(self._pack(*stored(factor), pack))
 
         def quality(factor: float) -> float:
-            steps = equal_slope_steps(changes, factor)
-            return self._quality(dequantised(self._stored(gop, factor), steps))
+            return self._quality(dequantised(*stored(factor)))
 
+        factor = usual_factor(task.frames[..., 0].size, self.gaussians, float_psnr)
         if task.target_bytes is not None:
-            wanted = task.target_bytes
+            wanted = round((1 - _SIZE_ROOM) * task.target_bytes)
             factor = find_factor(size, Target.of_size(wanted), factor)
             if quick != pack:
                 wanted += size(factor) - size(factor, pack)
                 factor = find_factor(size, Target.of_size(wanted), factor)
         elif task.target_psnr is not None:
-            factor = find_factor(quality, Target.of_psnr(task.target_psnr), factor)
-        self._factor = factor
-        return equal_slope_steps(changes, factor)
+            return self._at_quality(float_psnr, stored, quality, factor)
+        return self._tuned(*stored(factor))
+
+    def _at_quality(
+        self,
+        float_psnr: float,
+        stored: Callable[[float], tuple[Gop, Precision]],
+        quality: Callable[[float], float],
+        factor: float,
+    ) -> tuple[Gop, Precision]:
+        """What meets the wanted quality once it is fine-tuned."""
+        wanted, left = self._task.target_psnr or 0.0, _LEFT if self._tuning_steps else 1.0
+        trials = _MOST_TUNINGS if self._tuning_steps else 1
+        if self._tuning_seconds is not None:
+            self._tuning_seconds /= trials
+        for _ in range(trials):
+            loss = max(0.0, float_psnr - wanted) / left
+            factor = find_factor(quality, Target.of_psnr(float_psnr - loss), factor)
+            result, precision = self._tuned(*stored(factor))
+            reached = self._quality(dequantised(result, precision))
+            if abs(reached - wanted) < _NEAR or not loss:
+                break
+            left = min(max(0.2, (float_psnr - reached) / loss), 1.0)
+        return result, precision
+
+    def _tuned(self, stored: Gop, precision: Precision) -> tuple[Gop, Precision]:
+        """Round what is stored, and have what is rounded last make up for the rest."""
+        task, settings = self._task, self._task.settings
+        if not self._tuning_steps:
+            return stored, precision
+        rng = np.random.default_rng([settings.seed, task.first_frame, 1])
+        with _single_torch_thread():
+            result = settle(
+                stored,
+                precision,
+                task.frames,
+                self._taus,
+                MAIN,
+                self._tuning_steps,
+                self._tuning_seconds,
+                rng,
+                deform=settings.deform,
+                device=self._field.device,
+                threads=settings.threads,
+            )
+        return result, precision
 
     def _pack(self, gop: Gop, precision: Precision, pack: Pack) -> bytes:
         task = self._task

@@ -86,7 +86,7 @@ PAPER = Recipe(
 _LENGTHS = frozenset(("position", "linear", "quadratic", "xy"))
 
 
-class _Adam:
+class Adam:
     """Adam with a rate for each component of an attribute."""
 
     _EPSILON = 1e-15
@@ -159,6 +159,12 @@ class Effort:
         return self._step / self.spent
 
 
+def visits(frames: int, rng: np.random.Generator) -> Iterator[int]:
+    """Yield numbers of frames without end, each of them once in every round."""
+    while True:
+        yield from rng.permutation(frames).tolist()
+
+
 def optimise(
     field: Field,
     frames: Frames,
@@ -189,18 +195,15 @@ def optimise(
     coarse = _half(frames) if recipe.coarse and large else frames
     targets = field.uploaded(coarse)
     reorder(field, (width, height))
-    adam = _Adam(field.raw, recipe, (width, height), threads)
-    order: Iterator[int] = iter(())
+    adam = Adam(field.raw, recipe, (width, height), threads)
+    order = visits(len(frames), rng)
     relocations = iter(recipe.relocations)
     relocation = next(relocations, 1.0)
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
             adam.rearrange(*relocate(field, coarse, taus, (width, height), rng, threads))
-        index = next(order, None)
-        if index is None:
-            order = iter(rng.permutation(len(frames)).tolist())
-            index = next(order)
+        index = next(order)
         if coarse is not frames and spent >= recipe.coarse:
             coarse = frames
             targets = field.uploaded(frames)

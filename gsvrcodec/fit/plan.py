@@ -21,7 +21,7 @@ GAUSSIAN_PARAMETERS = 13
 DEFAULT_DENSITY = 3e6 / (132 * 1280 * 640)
 #: Bits of the payload for each Gaussian, all planes counted, at the best bargain between their
 #: number and their steps: nearly the same from 0.01 to 0.1 bits a pixel.
-_BITS_EACH = 78.0
+_BITS_EACH = 70.0
 #: Mean squared error = `_ERROR` x complexity / bpp^`_FALL`, where complexity is what changes from
 #: frame to frame and a share of the detail; fitted to one clip, others differ by some dB.
 _ERROR, _FALL, _DETAIL_SHARE = 0.05, 0.77, 0.06

@@ -1,68 +1,37 @@
-"""Quantisation-aware training: the fit sees the values that a decoder will get."""
+"""The publication's quantisation-aware training: the fit sees what a decoder will get."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from gsvrcodec.model.quantise import Precision
-
 Tensors = dict[str, Tensor]
 
 
-def fake_quantiser(precision: Precision, device: str = "cpu") -> Callable[[Tensors], Tensors]:
-    """Quantisation of each component, with a straight-through gradient.
+def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
+    """Quantisation of each component over its range, with a straight-through gradient.
 
-    The values agree with `gsvrcodec.model.pack.dequantised` to rounding, and rotations to half
-    circles too.
+    The values agree with `gsvrcodec.model.pack.dequantised` to rounding.
 
     Args:
-        precision: bits of each attribute over its range, or steps of its components.
-        device: where the values are.
+        bits: of each attribute.
     """
-    steps = {
-        name: torch.tensor(wanted[0] if len(wanted) == 1 else wanted, device=device)
-        for name, wanted in precision.items()
-        if not isinstance(wanted, int)
-    }
 
     def quantise(tensors: Tensors) -> Tensors:
-        out = dict(tensors)
+        out = {}
         for name, values in tensors.items():
-            wanted = precision[name]
-            if isinstance(wanted, int) and values.numel():
-                if name == "rotation":  # pi-periodic, and stored in [0, pi)
-                    values = values - (values.detach() / math.pi).floor() * math.pi
-                out[name] = _OverRange.apply(values, wanted)  # type: ignore[no-untyped-call]
-        if steps:
-            stored = _in_steps([out[name] for name in steps], [*steps.values()])
-            out.update(zip(steps, stored, strict=True))
+            if name == "rotation":  # pi-periodic, and stored in [0, pi)
+                values = values - (values.detach() / math.pi).floor() * math.pi
+            if values.numel():
+                values = _OverRange.apply(values, bits[name])  # type: ignore[no-untyped-call]
+            out[name] = values
         return out
 
     return quantise
-
-
-def _in_steps(values: list[Tensor], steps: list[Tensor]) -> tuple[Tensor, ...]:
-    result: tuple[Tensor, ...] = _InSteps.apply(steps, *values)  # type: ignore[no-untyped-call]
-    return result
-
-
-class _InSteps(torch.autograd.Function):
-    """The nearest whole multiples of steps; of all attributes at once, since calls cost too."""
-
-    @staticmethod
-    def forward(ctx: Any, steps: list[Tensor], *values: Tensor) -> tuple[Tensor, ...]:
-        return tuple(
-            (value / step).round_().mul_(step) for value, step in zip(values, steps, strict=True)
-        )
-
-    @staticmethod
-    def backward(ctx: Any, *outputs: Tensor) -> Any:
-        return None, *outputs
 
 
 class _OverRange(torch.autograd.Function):

@@ -33,7 +33,7 @@ class EncodeSettings:
     gop_min: int = 12  #: shortest adaptive GOP between scene cuts, frames
     gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
     flow: Flow = "dis"  #: optical flow for slicing and motion start
-    qat: bool | None = None  #: fine-tune under fake quantisation; None = in profile "paper" alone
+    qat: bool = True  #: fine-tune under the quantisation to come
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
     seed: int = 0  #: of every random choice
     threads: int = 0  #: native threads; 0 = GSVR_THREADS or all cores

@@ -32,7 +32,7 @@ ABLATIONS = {
     "deform": "Deformation field",
     "gop": "GOP length",
     "profile": "Profile, GOPs of 24 frames",
-    "quantisation": "Quantisation-aware training",
+    "quantisation": "Fine-tuning under quantisation",
 }
 
 

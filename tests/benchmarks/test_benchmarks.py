@@ -131,7 +131,8 @@ class TestPage:
             }
             for number, (bpp, db) in enumerate(points, 1)
         ]
-        row = {"table": "rate", "settings": {"bpp": 0}, "bits_per_gaussian": {"position": 1.0}}
+        settings = {"bpp": 0, "time_budget": 5.0}
+        row = {"table": "rate", "settings": settings, "bits_per_gaussian": {"position": 1.0}}
         results = {
             "bunny-time": {
                 "machine": "none",

@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gsvrcodec.fit.qat import fake_quantiser
-from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pack import dequantised
-from gsvrcodec.model.quantise import PAPER_BITS, Precision, Steps
+from gsvrcodec.model.quantise import PAPER_BITS
 from tests import making
-
-STEPS: Steps = {
-    a.name: tuple(np.linspace(0.011, 0.013, a.components).tolist()) for a in ATTRIBUTES
-} | {"rotation": (math.pi / 200,)}
 
 
 def tensors_of(gop: Gop) -> dict[str, torch.Tensor]:
@@ -60,19 +54,6 @@ class TestValues:
         gop = making.random_gop(np.random.default_rng(seed), gaussians, grid)
         assert_as_decoded(gop, dict.fromkeys(Gop.__slots__, bits), ties=1.0 if bits > 10 else 0.2)
 
-    def test_steps(self) -> None:
-        gop = making.random_gop(np.random.default_rng(1), gaussians=500)
-        gop.rotation[:] = np.random.default_rng(2).uniform(-9, 9, 500)
-        fake = fake_quantiser(STEPS)(tensors_of(gop))
-        real = dequantised(gop, STEPS)
-        for name, steps in STEPS.items():
-            difference = fake[name].numpy() - getattr(real, name)
-            if name == "rotation":
-                difference = np.abs(np.mod(difference + 1, math.pi) - 1)
-            step = np.array(steps if len(steps) > 1 else steps[0])
-            assert (np.abs(difference) <= 1.01 * step).all(), name
-            assert (np.abs(difference) > 0.05 * step).mean() < 0.01, name
-
     def test_equal_values_stay(self) -> None:
         values = {"colour": torch.full((9, 3), 0.3), "alpha": torch.zeros(9)}
         out = fake_quantiser({"colour": 10, "alpha": 6})(values)
@@ -86,11 +67,10 @@ class TestValues:
 
 
 class TestGradient:
-    @pytest.mark.parametrize("precision", [PAPER_BITS, STEPS], ids=["bits", "steps"])
-    def test_passes_straight_through(self, precision: Precision) -> None:
+    def test_passes_straight_through(self) -> None:
         gop = making.random_gop(np.random.default_rng(3))
         leaves = {name: t.requires_grad_() for name, t in tensors_of(gop).items()}
-        out = fake_quantiser(precision)(leaves)
+        out = fake_quantiser(PAPER_BITS)(leaves)
         weights = {name: torch.randn_like(tensor) for name, tensor in out.items()}
         total = torch.stack([(weights[name] * out[name]).sum() for name in out]).sum()
         gradients = torch.autograd.grad(total, list(leaves.values()))

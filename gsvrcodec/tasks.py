@@ -1,0 +1,103 @@
+"""GOPs that wait for their fit: frames, bytes and seconds of each, and the processes they share."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence, Set
+from dataclasses import asdict
+from itertools import islice
+
+import numpy as np
+
+from gsvrcodec.errors import InputError
+from gsvrcodec.fit.gop import FRAME_VISITS, GopTask
+from gsvrcodec.fit.plan import Budget
+from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
+from gsvrcodec.workers import processes, starts
+
+#: Roughly what a step of the fit takes for each pixel of its frame.
+_VISIT_SECONDS = 15e-9
+
+
+def processes_for(
+    gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
+) -> tuple[int, int]:
+    """Return how many processes, and threads of all of them, these GOPs are to be fitted with."""
+    frames, pixels = [len(gop) for gop in gops], size[0] * size[1]
+    pace = settings.time_budget or _VISIT_SECONDS * FRAME_VISITS[settings.preset] * pixels
+    return processes(
+        # One process keeps a GPU busy.
+        settings.workers or int(settings.device != "cpu"),
+        settings.threads,
+        gops=len(gops),
+        gop_bytes=3 * pixels * max(frames, default=0),
+        seconds=pace * sum(frames),
+    )
+
+
+def tasks(
+    video: VideoReader,
+    gops: Sequence[range],
+    budgets: Sequence[Budget],
+    settings: EncodeSettings,
+    missing: Set[range],
+    workers: int,
+    began: float,
+) -> Iterator[GopTask]:
+    """Yield the `missing` ones of the GOPs, read when they are asked for.
+
+    Args:
+        video: the source.
+        gops: frames of each, in order.
+        budgets: of each.
+        settings: of the encode; a time budget is shared out among what is missing.
+        missing: still to be fitted.
+        workers: how many are fitted at the same time.
+        began: when the encode began, `time.perf_counter()`.
+
+    Raises:
+        InputError: the video has become shorter.
+    """
+    turns, end = starts([len(gop) for gop in gops if gop in missing], workers)
+    turn_of = dict(zip((gop for gop in gops if gop in missing), turns, strict=True))
+    whole = sum(map(len, missing))
+    shots = iter(video)
+    for gop, budget in zip(gops, budgets, strict=True):
+        if gop not in turn_of:
+            deque(islice(shots, len(gop)), maxlen=0)
+            continue
+        seconds = None
+        if settings.time_budget is not None:
+            # A share of what is left, in proportion to its frames and those that wait for it.
+            left = settings.time_budget * whole - (time.perf_counter() - began)
+            seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
+        yield _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
+
+
+def _task(
+    info: VideoInfo,
+    shots: Iterator[SourceFrame],
+    gop: range,
+    budget: Budget,
+    settings: EncodeSettings,
+    seconds: float | None,
+) -> GopTask:
+    frames = np.empty((len(gop), info.height, info.width, 3), np.uint8)
+    times = np.empty((2, len(gop)), np.int64)
+    found = 0
+    for found, shot in enumerate(shots, 1):
+        frames[found - 1] = shot.rgb
+        times[:, found - 1] = shot.pts, shot.duration
+    if found < len(gop):
+        raise InputError(f"{info.path} became shorter while it was read")
+    return GopTask(
+        frames=frames,
+        pts=times[0],
+        durations=times[1],
+        first_frame=gop.start,
+        settings=settings,
+        seconds=seconds,
+        **asdict(budget),
+    )
