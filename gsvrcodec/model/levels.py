@@ -25,18 +25,20 @@ def zoom(size: tuple[int, int], coded_size: tuple[int, int]) -> float:
 def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
     """The level of each Gaussian, (N,), from its canonical logarithms of scale (N, 2)."""
     bounds = [math.log(LEVEL_SCALE * 2**level / zoom) for level in range(1, LEVELS)]
-    least = log_scale.min(axis=1)
+    least = np.minimum(log_scale[:, 0], log_scale[:, 1])
     level: NDArray[np.intp] = np.searchsorted(np.array(bounds, np.float32), least, side="right")
     return level
 
 
 def by_level(gop: Gop) -> Gop:
     """The same Gaussians, still ones last, and those of a level together: drawn fastest so."""
-    still = ~(gop.linear.any(axis=1) | gop.quadratic.any(axis=1) | (gop.alpha != 1))
-    layer = level_of(gop.log_scale, 1.0) + LEVELS * still
+    moves = gop.alpha != 1
+    for motion in (*gop.linear.T, *gop.quadratic.T):
+        moves |= motion != 0
+    layer = level_of(gop.log_scale, 1.0) + LEVELS * ~moves
     order = np.argsort(layer.astype(np.uint8), kind="stable")
     per_gaussian = (a.name for a in ATTRIBUTES if a.grid == "gaussians")
-    return replace(gop, **{name: getattr(gop, name)[order] for name in per_gaussian})
+    return replace(gop, **{name: np.take(getattr(gop, name), order, 0) for name in per_gaussian})
 
 
 def level_size(size: tuple[int, int], level: int) -> tuple[int, int]:
