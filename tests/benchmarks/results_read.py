@@ -33,7 +33,7 @@ def our_curves(results: dict[str, Json]) -> dict[str, list[tuple[float, float]]]
     """Return bpp and PSNR of our points, by a label for each time an encode may take."""
     rows = [row for name in ("rate", "rate-2s", "time", "slow") for row in rows_of(results, name)]
     curves = {}
-    for seconds in (5.0, 2.0):
+    for seconds in (4.0, 2.0):
         points = [r for r in rows if r["settings"].get("time_budget") == seconds]
         if any("bpp" in row["settings"] for row in points):
             label = f"GSVR, {seconds:.0f} s a frame"

@@ -131,7 +131,7 @@ class TestPage:
             }
             for number, (bpp, db) in enumerate(points, 1)
         ]
-        settings = {"bpp": 0, "time_budget": 5.0}
+        settings = {"bpp": 0, "time_budget": 4.0}
         row = {"table": "rate", "settings": settings, "bits_per_gaussian": {"position": 1.0}}
         results = {
             "bunny-time": {
