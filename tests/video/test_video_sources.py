@@ -14,6 +14,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from av.video.reformatter import Interpolation
 from numpy.typing import NDArray
 
 import gsvrcodec
@@ -21,6 +22,8 @@ from gsvrcodec.errors import InputError, NotAVideoError, UnsupportedError, Usage
 from gsvrcodec.report.compare import report
 from gsvrcodec.video import open_video, rereadable
 from tests import making
+
+_EXACT = Interpolation.AREA | Interpolation.ACCURATE_RND
 
 #: A picture of which no turn or mirror image looks like another.
 PICTURE = np.zeros((24, 48, 3), np.uint8)
@@ -41,7 +44,8 @@ def save(
         stream.codec_context.flags |= options.pop("flags", 0)
         for number, picture in enumerate(pictures):
             frame = av.VideoFrame.from_ndarray(picture, format=layout)
-            frame = frame.reformat(format=stream.pix_fmt)
+            # Without these swscale gets chroma of 10 bits wrong at some addresses.
+            frame = frame.reformat(format=stream.pix_fmt, interpolation=_EXACT)
             frame.pts = number
             file.mux(stream.encode(frame))
         file.mux(stream.encode(None))
