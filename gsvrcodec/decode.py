@@ -24,10 +24,9 @@ from gsvrcodec.render.device import choose_device
 
 _log = logging.getLogger(__name__)
 
-#: Frames rendered together while iterating: at most this many, and this many bytes. From 32 MB on,
-#: C libraries take memory from the system each time, and clearing it costs a tenth of the speed.
+#: Frames rendered together while iterating: at most this many, and this many bytes.
 _BATCH_FRAMES = 16
-_BATCH_BYTES = 20 * 2**20
+_BATCH_BYTES = 32 * 2**20
 #: Frames rendered together while a thread less is there for them, since the next GOP is unpacked.
 _FRAMES_BESIDE = 2
 
