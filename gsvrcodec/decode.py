@@ -27,8 +27,6 @@ _log = logging.getLogger(__name__)
 #: Frames rendered together while iterating: at most this many, and this many bytes.
 _BATCH_FRAMES = 16
 _BATCH_BYTES = 32 * 2**20
-#: Frames rendered together while a thread less is there for them, since the next GOP is unpacked.
-_FRAMES_BESIDE = 2
 
 
 class Decoder:
@@ -159,8 +157,7 @@ class Decoder:
             inside = np.fromiter(group, np.int64) - content.first_frame
             part = slice(start, start + len(inside))
             pts[part], durations[part] = content.pts[inside], content.durations[inside]
-            busy = self._store.unpacking
-            self._maker.frames(content, inside, self.size, data[part], leave_one=busy)
+            self._maker.frames(content, inside, self.size, data[part])
             start = part.stop
         base = self._reader.header.time_base
         return FrameBatch(
@@ -306,11 +303,10 @@ class Decoder:
         stop = len(self) if stop is None else min(stop, len(self))
         batch = self.batch
         while start < stop:
+            end = min(self._store.run_end(start), start + batch, stop)
             try:
                 if self._store.run_end(start) < stop:
                     self._store.prefetch(self._reader.gop_of_frame(start) + 1)
-                count = _FRAMES_BESIDE if self._store.unpacking else batch
-                end = min(self._store.run_end(start), start + count, stop)
                 frames = self.get_frames_at(range(start, end))
             except CorruptError as error:
                 end = min(self._store.run_end(start), stop)

@@ -114,7 +114,7 @@ def encode(
         )
         missing = [gop for gop in gops if gop not in parts]
         workers, threads = processes_for(missing, size, chosen)
-        waiting = tasks(video, gops, budgets, chosen, set(missing), workers, began)
+        waiting = tasks(video, gops, budgets, chosen, missing, workers, began)
         meter = Meter(gops, parts, began, progress)
         meter.report()
         with closing(fit_gops(waiting, workers, threads)) as fitted:

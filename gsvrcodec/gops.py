@@ -58,12 +58,6 @@ class GopStore:
         if position < len(self.reader.gops):
             self._future(position)
 
-    @property
-    def unpacking(self) -> bool:
-        """Whether the store's thread is at work."""
-        with self._lock:
-            return not all(future.done() for future in self._cache.values())
-
     def position_at(self, ticks: int | Fraction) -> int:
         """Return the position of the GOP that plays at a time; the first one's before it starts."""
         return max(0, bisect_right(self._start_pts, ticks) - 1)

@@ -17,7 +17,6 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.layers import Layers, select_layers
 from gsvrcodec.model.pack import GopContent
 from gsvrcodec.model.timing import normalised_time, time_at
-from gsvrcodec.native import _core
 from gsvrcodec.render import Codes, empty_frames, render_frames
 
 #: Width and height in pixels, where -1 stands for what keeps the shape and -2 for the even number
@@ -55,20 +54,10 @@ class PictureMaker:
         return empty_frames(count, size, bit_depth=self.bit_depth, device=place)
 
     def frames(
-        self,
-        content: GopContent,
-        inside: NDArray[np.int64],
-        size: tuple[int, int],
-        out: Codes,
-        *,
-        leave_one: bool = False,
+        self, content: GopContent, inside: NDArray[np.int64], size: tuple[int, int], out: Codes
     ) -> None:
-        """Render the frames numbered `inside` (F,) a GOP into `out` (F, H, W, 3).
-
-        `leave_one` leaves one of several threads to something else.
-        """
-        taus = normalised_time(content.pts)[inside]
-        self._render(content.gop, taus, size, out, leave_one=leave_one)
+        """Render the frames numbered `inside` (F,) a GOP into `out` (F, H, W, 3)."""
+        self._render(content.gop, normalised_time(content.pts)[inside], size, out)
 
     def moments(
         self, content: GopContent, ticks: Sequence[Fraction], size: tuple[int, int], out: Codes
@@ -101,26 +90,15 @@ class PictureMaker:
             mixed = held + np.float32(weight) * step + np.float32(0.5)
             _fill(picture, mixed.astype(ends.dtype))
 
-    def _render(
-        self,
-        gop: Gop,
-        taus: Float32Array,
-        size: tuple[int, int],
-        out: Codes,
-        *,
-        leave_one: bool = False,
-    ) -> None:
+    def _render(self, gop: Gop, taus: Float32Array, size: tuple[int, int], out: Codes) -> None:
         """Render a GOP at times `taus` (F,) into `out` (F, H, W, 3)."""
-        threads = self.threads
-        if leave_one:
-            threads = max(1, _core.resolve_threads(threads) - 1)
         render_frames(
             select_layers(gop, self.layers, self.coded_size),
             taus,
             size,
             self.coded_size,
             bit_depth=self.bit_depth,
-            threads=threads,
+            threads=self.threads,
             device=self.device,
             out=out,
         )

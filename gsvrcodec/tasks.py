@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import islice
 
@@ -42,7 +42,7 @@ def tasks(
     gops: Sequence[range],
     budgets: Sequence[Budget],
     settings: EncodeSettings,
-    missing: Set[range],
+    missing: Sequence[range],
     workers: int,
     began: float,
 ) -> Iterator[GopTask]:
@@ -53,15 +53,15 @@ def tasks(
         gops: frames of each, in order.
         budgets: of each.
         settings: of the encode; a time budget is shared out among what is missing.
-        missing: still to be fitted.
+        missing: those still to be fitted, in order.
         workers: how many are fitted at the same time.
         began: when the encode began, `time.perf_counter()`.
 
     Raises:
         InputError: the video has become shorter.
     """
-    turns, end = starts([len(gop) for gop in gops if gop in missing], workers)
-    turn_of = dict(zip((gop for gop in gops if gop in missing), turns, strict=True))
+    turns, end = starts([len(gop) for gop in missing], workers)
+    turn_of = dict(zip(missing, turns, strict=True))
     whole = sum(map(len, missing))
     shots = iter(video)
     for gop, budget in zip(gops, budgets, strict=True):

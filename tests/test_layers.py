@@ -39,7 +39,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "frames": {"errors", "limits", "container", "numpy"},
     "gops": {"errors", "limits", "container", "model", "numpy"},
-    "pictures": {"errors", "limits", "model", "native", "render", "numpy"},
+    "pictures": {"errors", "limits", "model", "render", "numpy"},
     "decode": {
         "errors",
         "limits",

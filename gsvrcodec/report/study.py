@@ -17,8 +17,8 @@ from gsvrcodec.report.compare import Report, first_frame, open_part, report
 from gsvrcodec.report.curve import BdRate, RateCurve
 from gsvrcodec.report.machine import cores, processor
 from gsvrcodec.report.reference import Curve, Reference, measure
-from gsvrcodec.video.elementary import library_versions
 from gsvrcodec.video.read import Crop
+from gsvrcodec.video.versions import ffmpeg_version
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +127,7 @@ def study(
         decode_fps=tuple(speeds),
         curves=tuple(curves),
         machine=f"{processor()}, {cores()} cores",
-        libraries=library_versions(),
+        libraries=f"FFmpeg {ffmpeg_version()}",
     )
 
 

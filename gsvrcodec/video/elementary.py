@@ -61,12 +61,6 @@ def has_encoder(name: str) -> bool:
     return name in av.codec.codecs_available
 
 
-def library_versions() -> str:
-    """Return the versions of PyAV and of the FFmpeg library that codes and decodes."""
-    codec = ".".join(map(str, av.library_versions["libavcodec"]))
-    return f"PyAV {av.__version__}, libavcodec {codec}"
-
-
 def encode_stream(
     frames: Iterable[av.VideoFrame],
     info: VideoInfo,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import av
+from av import ffmpeg_version_info, library_versions
 
 
 def ffmpeg_version() -> str:
     """Return the version that FFmpeg gives itself, and that of its codec library."""
-    codec = ".".join(map(str, av.library_versions["libavcodec"]))
-    return f"{av.ffmpeg_version_info} (libavcodec {codec})"
+    codec = ".".join(map(str, library_versions["libavcodec"]))
+    return f"{ffmpeg_version_info} (libavcodec {codec})"

@@ -17,7 +17,7 @@ import click
 from gsvrcodec.cli.values import crop as crop_value
 from gsvrcodec.report.reference import measure, parse_reference
 from gsvrcodec.video import Crop, open_video
-from gsvrcodec.video.elementary import library_versions
+from gsvrcodec.video.versions import ffmpeg_version
 from tests.benchmarks.machine import command, machine
 
 BUNNY = Path(__file__).parents[2] / "samples" / "bigbuckbunny.mp4"
@@ -64,7 +64,7 @@ def main(
     if output is not None:
         document = {
             "machine": described,
-            "libraries": library_versions(),
+            "libraries": f"FFmpeg {ffmpeg_version()}",
             "load": os.getloadavg()[0],
             "command": command("tests.benchmarks.references"),
             "source": source.name,
