@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+
 import hypothesis
 
 # A busy machine is not a failure.
 hypothesis.settings.register_profile("gsvrcodec", deadline=None)
 hypothesis.settings.load_profile("gsvrcodec")
+
+# Shells start what runs in the background deaf to interrupts, and that is inherited.
+signal.signal(signal.SIGINT, signal.default_int_handler)
