@@ -47,7 +47,7 @@ def backward_float(
     coded_height: int,
     gradient: Parameters,
     threads: int,
-) -> float: ...
+) -> None: ...
 def squared_error(
     parameters: Parameters,
     tau: float,
@@ -56,7 +56,10 @@ def squared_error(
     coded_height: int,
     gradient: Parameters,
     threads: int,
-) -> float: ...
+    backdrop: Array | None = None,
+) -> float:
+    """`backdrop` (height, width, 3) float32 is added to the frame."""
+
 def adam_step(
     param: Array,
     grad: Array,

@@ -63,7 +63,7 @@ void backward_float(const Model &model, float tau, Size size, Size coded, int th
 }
 
 double squared_error(const Model &model, float tau, Size size, Size coded, int threads,
-                     const std::uint8_t *target, const Model &gradient) {
+                     const std::uint8_t *target, const float *backdrop, const Model &gradient) {
     const Setting setting(model, size, coded, false);
     const Borrowed space;
     Scene::reserve(setting, threads, *space);
@@ -71,10 +71,10 @@ double squared_error(const Model &model, float tau, Size size, Size coded, int t
     double *sums = space->sums.reserve(setting.levels[0].bands());
     const double samples = 3.0 * size.width * size.height;
     scene.backward(true, gradient, [&](int index, Extent rows, const Pixels &pixels) {
-        sums[index] =
-            setting.kernels.residual(pixels, scene.frame(), rows,
-                                     target + static_cast<std::size_t>(rows.begin) * size.width * 3,
-                                     static_cast<float>(2.0 / samples));
+        const std::size_t first = static_cast<std::size_t>(rows.begin) * size.width * 3;
+        sums[index] = setting.kernels.residual(pixels, scene.frame(), rows, target + first,
+                                               backdrop ? backdrop + first : nullptr,
+                                               static_cast<float>(2.0 / samples));
     });
     double total = 0.0;
     for (int band = 0; band < setting.levels[0].bands(); ++band) total += sums[band];

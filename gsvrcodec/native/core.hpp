@@ -22,9 +22,9 @@ void backward_float(const Model &, float tau, Size size, Size coded, int threads
                     const float *weights, const Model &gradient);
 
 // Mean squared error of the clamped frame against `target` (height, width, 3) and its gradients,
-// the clamp passed through.
+// the clamp passed through. `backdrop` (height, width, 3), if not null, is added to the frame.
 double squared_error(const Model &, float tau, Size size, Size coded, int threads,
-                     const std::uint8_t *target, const Model &gradient);
+                     const std::uint8_t *target, const float *backdrop, const Model &gradient);
 
 // The state of Adam over n numbers; `rate` has `period` entries and repeats.
 struct Adam {

@@ -120,8 +120,10 @@ struct Kernels {
     void (*to_rgb8)(Pixels, const Frame &, Extent rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, Extent rows, float *out);
     void (*from_float)(const float *in, const Frame &, Extent rows, Pixels);
-    // Replaces rows by (clamp(value) - target) * scale; returns the sum of squared residuals.
-    double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target, float scale);
+    // Replaces rows by (clamp(value + backdrop) - target) * scale; returns the sum of squared
+    // residuals. `backdrop` may be null.
+    double (*residual)(Pixels, const Frame &, Extent rows, const std::uint8_t *target,
+                       const float *backdrop, float scale);
     // Moments of the splats of one layer from the gradient `pixels` of one band of its level.
     void (*gather)(const Layer &, Extent band, Pixels, Moments *);
     // Gradients of the Gaussians of blocks [begin, end) from the moments of all bands. Plane

@@ -1,6 +1,7 @@
 // The Python face of the core. Arrays come in as NumPy or torch CPU tensors, without a copy.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -113,22 +114,30 @@ void render(const Parameters &parameters, Times taus, Images<T> out, int coded_w
         gsvr::render_rgb8(parameters.model, taus.data(), frames, size, coded, threads, out.data());
 }
 
-template <class T>
-double backward(const Parameters &parameters, float tau, Image<const T> image, int coded_width,
-                int coded_height, const Parameters &gradient, int threads) {
+void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
+                    int coded_width, int coded_height, const Parameters &gradient, int threads) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
-    const auto size = checked(image.shape(1), image.shape(0));
+    const auto size = checked(weights.shape(1), weights.shape(0));
     const auto coded = checked(coded_width, coded_height);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    if constexpr (std::is_same_v<T, float>) {
-        gsvr::backward_float(parameters.model, tau, size, coded, threads, image.data(),
-                             gradient.model);
-        return 0.0;
-    } else {
-        return gsvr::squared_error(parameters.model, tau, size, coded, threads, image.data(),
-                                   gradient.model);
-    }
+    gsvr::backward_float(parameters.model, tau, size, coded, threads, weights.data(),
+                         gradient.model);
+}
+
+double squared_error(const Parameters &parameters, float tau, Image<const std::uint8_t> target,
+                     int coded_width, int coded_height, const Parameters &gradient, int threads,
+                     std::optional<Image<const float>> backdrop) {
+    require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
+    const auto size = checked(target.shape(1), target.shape(0));
+    const auto coded = checked(coded_width, coded_height);
+    require(!backdrop || (backdrop->shape(0) == target.shape(0) &&
+                          backdrop->shape(1) == target.shape(1)),
+            "the backdrop must have the target's shape");
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    return gsvr::squared_error(parameters.model, tau, size, coded, threads, target.data(),
+                               backdrop ? backdrop->data() : nullptr, gradient.model);
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
@@ -179,10 +188,10 @@ NB_MODULE(_core, m) {
           "coded_width"_a, "coded_height"_a, "threads"_a);
     m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"),
           "coded_width"_a, "coded_height"_a, "threads"_a);
-    m.def("backward_float", &backward<float>, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
+    m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "gradient"_a, "threads"_a);
-    m.def("squared_error", &backward<std::uint8_t>, "parameters"_a, "tau"_a, "target"_a,
-          "coded_width"_a, "coded_height"_a, "gradient"_a, "threads"_a);
+    m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
+          "coded_height"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
     m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
           exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
     m.def("bench_plain", &bench_plain, "parameters"_a, exact("out"), "threads"_a);

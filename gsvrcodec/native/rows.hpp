@@ -113,12 +113,13 @@ void from_float(const float *in, const Frame &frame, Extent rows, Pixels pixels)
 }
 
 double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8_t *target,
-                float scale) {
+                const float *backdrop, float scale) {
     double total = 0.0;
     const int padded = (rows.end + kRows - 1) / kRows * kRows;
     v8 squares{};
     for_pieces(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-        const std::uint8_t *p = target + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        const std::ptrdiff_t first = (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        const std::uint8_t *p = target + first;
         if (row >= rows.end - rows.begin) samples = 0;
         i8 wanted{}, inside{};
         if (samples == kStripWidth) {
@@ -134,7 +135,10 @@ double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8
         for (int c = 0; c < 3; ++c, red += kChannelFloats) {
             const v8 sample =
                 __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
-            const v8 difference = (v8)((i8)(clamped(load8(red)) - sample) & inside);
+            v8 value = load8(red);
+            if (backdrop)
+                for (int i = 0; i < samples; ++i) value[i] += backdrop[first + 3 * i + c];
+            const v8 difference = (v8)((i8)(clamped(value) - sample) & inside);
             store8(red, difference * scale);
             squares += difference * difference;
         }

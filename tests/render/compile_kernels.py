@@ -29,7 +29,7 @@ KERNELS: list[tuple[Any, int, dict[str, str], dict[str, Any]]] = [
     (pyramid.fold, 4, {}, {}),
     (pyramid.to_codes, 4, {"code_ptr": "u8"}, {}),
     (pyramid.to_floats, 4, {}, {}),
-    (pyramid.residual, 4, {"target_ptr": "u8"}, {}),
+    (pyramid.residual, 4, {"target_ptr": "u8"}, {"BACKDROP": True}),
     (pyramid.spread, 4, {}, {}),
     (adam.adam_update, 4, {}, {}),
 ]

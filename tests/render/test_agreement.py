@@ -46,18 +46,27 @@ def test_codes(name: str, isa: str) -> None:
     assert (difference > 0).mean() <= 1e-3
 
 
+@pytest.mark.parametrize("backdrop", [False, True])
 @pytest.mark.parametrize("name", ["mixed", "smaller", "larger", "1x1", "low", "no tri-plane"])
-def test_squared_error(name: str, isa: str) -> None:
+def test_squared_error(name: str, isa: str, backdrop: bool) -> None:
     scene = SCENES[name]
     width, height = scene.size
-    target = np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
+    rng = np.random.default_rng(2)
+    target = rng.integers(0, 256, (height, width, 3), np.uint8)
+    behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
     frame, _ = scenes.reference_render(scene)
-    residual = frame.clip(0, 1) - target / 255.0
+    residual = (frame + behind).clip(0, 1) - target / 255.0
     # The gradient passes through the clamp: a sample out of range is drawn back.
     _, gradients = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
     gradient = scenes.empty_gradient(scene.gop)
     loss = _core.squared_error(
-        parameters(scene.gop), TAU, target, *scene.coded_size, parameters(gradient), 2
+        parameters(scene.gop),
+        TAU,
+        target,
+        *scene.coded_size,
+        parameters(gradient),
+        2,
+        behind if backdrop else None,
     )
     assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
     scenes.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)

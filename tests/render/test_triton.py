@@ -122,18 +122,22 @@ def test_codes(bit_depth: int) -> None:
     np.testing.assert_array_equal(tensor.numpy(force=True), actual)
 
 
-def test_squared_error() -> None:
+@pytest.mark.parametrize("backdrop", [False, True])
+def test_squared_error(backdrop: bool) -> None:
     scene = SCENES["smaller"]
     width, height = scene.size
-    target = np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
+    rng = np.random.default_rng(2)
+    target = rng.integers(0, 256, (height, width, 3), np.uint8)
+    behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
     frame, _ = scenes.reference_render(scene)
-    residual = frame.clip(0, 1) - target / 255.0
+    residual = (frame + behind).clip(0, 1) - target / 255.0
     _, expected = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
     loss, gradients = gpu.squared_error(
         gpu.upload(scene.gop, DEVICE),
         torch.from_numpy(TAUS).to(DEVICE),
         torch.from_numpy(target[None]).to(DEVICE),
         scene.coded_size,
+        torch.from_numpy(behind).to(DEVICE) if backdrop else None,
     )
     assert float(loss) == pytest.approx(float((residual**2).mean()), rel=1e-4)
     # `upload` puts Gaussians into an order of its own.

@@ -123,7 +123,11 @@ def empty_codes(shape: tuple[int, ...], bit_depth: int, device: str) -> Tensor:
 
 
 def squared_error(
-    parameters: Parameters, taus: Tensor, targets: Tensor, coded_size: Size
+    parameters: Parameters,
+    taus: Tensor,
+    targets: Tensor,
+    coded_size: Size,
+    backdrop: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Mean squared error of clamped frames in [0, 1], and its gradients.
 
@@ -134,6 +138,7 @@ def squared_error(
         taus: (F,) float32 on the same device.
         targets: (F, H, W, 3) uint8 on the same device; the frames are rendered at this size.
         coded_size: width and height that scales are relative to.
+        backdrop: (H, W, 3) float32 on the same device, added to each frame; None = black.
 
     Returns:
         A scalar on the device, and the gradient of each parameter.
@@ -144,7 +149,7 @@ def squared_error(
     size = targets.shape[2], targets.shape[1]
     with memory_checked(f"fit {len(parameters['position'])} Gaussians to {size[0]}x{size[1]}"):
         run = Pass(parameters, taus, size, coded_size)
-        return run.residual(targets), run.gradients()
+        return run.residual(targets, backdrop), run.gradients()
 
 
 def adam_step(

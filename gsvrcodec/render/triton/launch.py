@@ -123,11 +123,12 @@ class Pass:
         area = math.pi * END.value / (across * down).sqrt()
         return float(area[self._level >= 0].sum())
 
-    def residual(self, target: Tensor) -> Tensor:
+    def residual(self, target: Tensor, backdrop: Tensor | None = None) -> Tensor:
         """Turn the picture into the gradient of the error that is returned.
 
         Args:
             target: (F, H, W, 3) uint8.
+            backdrop: (H, W, 3) float32, added to each frame; None = black.
 
         Returns:
             Mean squared error of the clamped frames in [0, 1], a scalar on the device. The
@@ -138,7 +139,15 @@ class Pass:
         sums = self._empty(frames, programs)
         with on_device(self._device):
             residual[(programs, frames)](
-                self._picture, target, sums, self._floats, *self._size, 2.0 / count, 255.0
+                self._picture,
+                target,
+                sums if backdrop is None else backdrop,
+                sums,
+                self._floats,
+                *self._size,
+                2.0 / count,
+                255.0,
+                BACKDROP=backdrop is not None,
             )
         return sums.sum() / count
 

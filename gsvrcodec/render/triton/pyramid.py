@@ -84,8 +84,19 @@ def to_floats(picture_ptr, value_ptr, picture, width, height):
 
 
 @triton.jit
-def residual(picture_ptr, target_ptr, sum_ptr, picture, width, height, scale, white):
-    """Replace level 0 by (clamp(frame) - target) * scale; sum the squared differences.
+def residual(
+    picture_ptr,
+    target_ptr,
+    backdrop_ptr,
+    sum_ptr,
+    picture,
+    width,
+    height,
+    scale,
+    white,
+    BACKDROP: tl.constexpr,
+):
+    """Replace level 0 by (clamp(frame + backdrop) - target) * scale; sum the squared differences.
 
     `sum_ptr` (F, programs) gets a part of the sum from each program.
     """
@@ -96,6 +107,8 @@ def residual(picture_ptr, target_ptr, sum_ptr, picture, width, height, scale, wh
     picture_ptr += frame * picture
     value, at = _finest(picture_ptr, i, mask, width, height)
     target = tl.load(target_ptr + frame * samples + i, mask=mask, other=0).to(tl.float32) / white
+    if BACKDROP:
+        value += tl.load(backdrop_ptr + i, mask=mask, other=0.0)
     difference = tl.minimum(tl.maximum(value, 0.0), 1.0) - target
     tl.store(picture_ptr + at, difference * scale, mask=mask)
     difference = tl.where(mask, difference, 0.0)
