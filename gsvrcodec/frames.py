@@ -77,7 +77,7 @@ class Metadata:
     height: int  #: pixels
     frames: int  #: frames in the video
     gops: int  #: groups of pictures
-    gaussians: int  #: of all GOPs together
+    gaussians: int  #: of all GOPs and scenes together
     time_base: Fraction  #: seconds a tick
     begin_seconds: Fraction  #: when the first frame appears
     end_seconds: Fraction  #: when the last frame ends
@@ -136,7 +136,7 @@ class Metadata:
             height=header.height,
             frames=reader.frames,
             gops=len(gops),
-            gaussians=sum(gop.gaussians for gop in gops),
+            gaussians=reader.gaussians,
             time_base=header.time_base,
             begin_seconds=begin,
             end_seconds=end,

@@ -17,6 +17,7 @@ from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.levels import by_level
 from gsvrcodec.model.pack import GopContent, unpack_gop
+from gsvrcodec.model.scene import Scene, unpack_scene, with_scene
 
 #: Enough for a few readers at different places of one film.
 CACHED_GOPS = 4
@@ -37,6 +38,7 @@ class GopStore:
         self._start_pts = [entry.start_pts for entry in self.reader.gops]
         self._cache: OrderedDict[int, Future[GopContent]] = OrderedDict()
         self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
+        self._last_scene: Scene | None = None
         self._lock = Lock()
         self._closed = False
 
@@ -108,11 +110,20 @@ class GopStore:
             return self._cache[position]
 
     def _unpacked(self, position: int) -> GopContent:
-        """Read and unpack a GOP."""
+        """Read and unpack a GOP, with what it shows of its scene."""
         payload = self.reader.read_gop(position)
         try:
             content = unpack_gop(payload, self.reader.header, self._limits)
+            gop = content.gop
+            if content.shown is not None:
+                gop = with_scene(gop, self._scene(content.scene), content.shown)
         except CorruptError as error:
             chunk = self.reader.gops[position].chunk
             raise error.located(chunk.name, chunk.offset) from error
-        return replace(content, gop=by_level(content.gop))
+        return replace(content, gop=by_level(gop))
+
+    def _scene(self, number: int) -> Scene:
+        """The scene that GOPs call `number`; only the unpacker's thread calls this."""
+        if self._last_scene is None or self._last_scene.number != number:
+            self._last_scene = unpack_scene(self.reader.read_scene(number), self._limits)
+        return self._last_scene

@@ -97,7 +97,7 @@ def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> byte
     """
     names = ("attribute", "component", "codec", "bits", "width", "height", "offset", "step", "size")
     layout = struct.Struct("<BBBBHHffI")
-    (planes,) = struct.unpack_from("<H", payload, GOP_HEAD_BYTES - 2)
+    (planes,) = struct.unpack_from("<H", payload, GOP_HEAD_BYTES - 10)
     starts = [TABLE_OFFSET + ENTRY_BYTES * i for i in range(planes)]
     entries = [dict(zip(names, layout.unpack_from(payload, at), strict=True)) for at in starts]
     parts = []

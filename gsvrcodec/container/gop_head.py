@@ -10,7 +10,7 @@ from gsvrcodec.container.header import Header
 from gsvrcodec.errors import CorruptError
 
 _SUMMARY = struct.Struct("<QIIqqQ")
-_SHAPE = struct.Struct("<HHHH")
+_SHAPE = struct.Struct("<HHHHII")
 
 SUMMARY_BYTES = _SUMMARY.size
 GOP_HEAD_BYTES = _SUMMARY.size + _SHAPE.size
@@ -75,31 +75,36 @@ class GopSummary:
                 f"timestamp {self.start_pts} does not come after {previous.last_pts}"
             )
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GopHead(GopSummary):
+    """The first 56 bytes of a GOP's payload."""
+
+    grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
+    planes: int  #: entries of the plane table
+    scene: int = 0  #: number of the scene whose Gaussians it may show; 0 = none
+    scene_gaussians: int = 0  #: how many that scene has
+
+    @property
+    def most_drawn(self) -> int:
+        """Gaussians of its own and of its scene."""
+        return self.gaussians + self.scene_gaussians
+
+    def to_bytes(self) -> bytes:
+        """The head as it stands in the file."""
+        shape = _SHAPE.pack(*self.grid, self.planes, self.scene, self.scene_gaussians)
+        return self.summary_bytes() + shape
+
     def check_maxima(self, header: Header) -> None:
         """Raise a CorruptError if the GOP is larger than the header's maxima say."""
-        if self.gaussians > header.max_gaussians:
+        if self.most_drawn > header.max_gaussians:
             raise CorruptError(
-                f"{self.gaussians} Gaussians, the header's maximum is {header.max_gaussians}"
+                f"{self.most_drawn} Gaussians, the header's maximum is {header.max_gaussians}"
             )
         if self.frames > header.max_gop_frames:
             raise CorruptError(
                 f"{self.frames} frames, the header's maximum is {header.max_gop_frames}"
             )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GopHead(GopSummary):
-    """The first 48 bytes of a GOP's payload."""
-
-    grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
-    planes: int  #: entries of the plane table
-
-    def to_bytes(self) -> bytes:
-        """The head as it stands in the file."""
-        return self.summary_bytes() + _SHAPE.pack(*self.grid, self.planes)
-
-    def check_grid(self, header: Header) -> None:
-        """Raise a CorruptError if the tri-plane is larger than the header's maxima say."""
         if any(size > most for size, most in zip(self.grid, header.max_grid, strict=True)):
             raise CorruptError(
                 f"tri-plane of {self.grid}, the header's maximum is {header.max_grid}"
@@ -137,7 +142,7 @@ def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
 
 
 def parse_gop_head(payload: bytes) -> GopHead:
-    """Read the first 48 bytes of a GOP's payload and check them by themselves.
+    """Read the first 56 bytes of a GOP's payload and check them by themselves.
 
     Raises:
         CorruptError: They are not all there, or break a rule of the spec.
@@ -145,7 +150,7 @@ def parse_gop_head(payload: bytes) -> GopHead:
     if len(payload) < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP of {len(payload)} bytes, its head alone takes {GOP_HEAD_BYTES}")
     first_frame, frames, gaussians, start, last, duration = _SUMMARY.unpack_from(payload)
-    gx, gy, gt, planes = _SHAPE.unpack_from(payload, _SUMMARY.size)
+    gx, gy, gt, planes, scene, scene_gaussians = _SHAPE.unpack_from(payload, _SUMMARY.size)
     head = GopHead(
         first_frame=first_frame,
         frames=frames,
@@ -155,8 +160,12 @@ def parse_gop_head(payload: bytes) -> GopHead:
         last_duration=duration,
         grid=(gx, gy, gt),
         planes=planes,
+        scene=scene,
+        scene_gaussians=scene_gaussians,
     )
     head.check()
+    if (scene == 0) != (scene_gaussians == 0):
+        raise CorruptError(f"scene {scene} of {scene_gaussians} Gaussians")
     if any(head.grid) and not all(head.grid):
         raise CorruptError(f"tri-plane of {gx}x{gy}x{gt}, expected no size zero or all")
     return head

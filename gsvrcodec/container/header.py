@@ -10,12 +10,14 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 VERSION_MAJOR = 0
-VERSION_MINOR = 3
+VERSION_MINOR = 4
 
 #: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
 PYRAMID_FLAG = 1
-#: All bits of the must-understand flags that this version knows.
-KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG
+#: Must-understand flag: GOPs may show the Gaussians of a scene. Set since version 0.4.
+SCENES_FLAG = 2
+#: All bits of the must-understand flags that this version knows; all of them must be set.
+KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | SCENES_FLAG
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
@@ -50,9 +52,8 @@ class Header:
     colour: ColourInfo = field(default_factory=ColourInfo)
     version_major: int = VERSION_MAJOR
     version_minor: int = VERSION_MINOR
-    flags_required: int = (
-        PYRAMID_FLAG  #: a reader refuses a file with a bit set that it does not know
-    )
+    #: a reader refuses a file with a bit set that it does not know
+    flags_required: int = KNOWN_REQUIRED_FLAGS
     flags_optional: int = 0  #: bits that a reader may ignore
     max_gaussians: int = 0  #: largest N of a GOP
     max_gop_frames: int = 0  #: most frames in a GOP
@@ -109,7 +110,7 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
 
     Raises:
         UnsupportedError: Another major version, an unknown must-understand flag, or a file of
-            before version 0.3.
+            before version 0.4.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -132,10 +133,10 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
             f"the file needs features this decoder does not know (flags {unknown:#010x}, "
             f"version {header.version}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
         )
-    if not header.flags_required & PYRAMID_FLAG:
+    if header.flags_required != KNOWN_REQUIRED_FLAGS:
         raise UnsupportedError(
-            f"the file has bitstream version {header.version}, whose Gaussians were drawn without "
-            "levels; this decoder reads 0.3 and later: encode the video anew"
+            f"the file has bitstream version {header.version}; this decoder reads 0.4 and later: "
+            "encode the video anew"
         )
     problem = _problem(header)
     if problem:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 from bisect import bisect_right
+from contextlib import suppress
+from functools import cached_property
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
@@ -16,6 +18,7 @@ from gsvrcodec.container.chunk import (
     INDEX_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
+    SCENE_TYPE,
     SETTINGS_TYPE,
     SIGNATURE,
     STREAMS_TYPE,
@@ -29,6 +32,7 @@ from gsvrcodec.container.gop_head import SUMMARY_BYTES, GopEntry, parse_gop_head
 from gsvrcodec.container.header import Header, parse_header
 from gsvrcodec.container.index import END_CHUNK_BYTES, parse_end, parse_index
 from gsvrcodec.container.recovery import walk
+from gsvrcodec.container.scene_head import SCENE_HEAD_BYTES, SceneEntry, parse_scene_head
 from gsvrcodec.container.source import Source
 from gsvrcodec.container.tags import Tags, parse_tags
 from gsvrcodec.errors import CorruptError, UnsupportedError
@@ -103,6 +107,11 @@ class GsvrReader:
         return self._chunks
 
     @property
+    def gaussians(self) -> int:
+        """Gaussians of all GOPs and scenes together."""
+        return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.scenes)
+
+    @property
     def frames(self) -> int:
         """Number of the last frame plus one."""
         return self._gops[-1].end_frame
@@ -150,10 +159,21 @@ class GsvrReader:
             if payload[:SUMMARY_BYTES] != entry.summary_bytes():
                 raise CorruptError("the GOP is not the one that the index names")
             head.check_maxima(self._header)
-            head.check_grid(self._header)
         except CorruptError as error:
             raise error.located(entry.chunk.name, entry.offset) from None
         return payload
+
+    def read_scene(self, number: int) -> bytes:
+        """The payload of the scene that GOPs call `number`, checked against its CRC.
+
+        Raises:
+            CorruptError: It is damaged or lost.
+            LimitError: It is over the reader's limits.
+        """
+        for scene in self.scenes:
+            if scene.number == number:
+                return self.read_chunk(scene.chunk)
+        raise CorruptError(f"scene {number} is lost")
 
     def read_chunk(self, chunk: ChunkEntry) -> bytes:
         """The payload of one of `chunks`, checked against its CRC.
@@ -218,6 +238,18 @@ class GsvrReader:
         """
         payload = self.auxiliary(METADATA_TYPE)
         return Tags() if payload is None else parse_tags(payload)
+
+    @cached_property
+    def scenes(self) -> tuple[SceneEntry, ...]:
+        """The scenes whose heads can be read, in file order."""
+        found = []
+        for chunk in self._chunks:
+            if chunk.type == SCENE_TYPE and chunk.size >= SCENE_HEAD_BYTES:
+                start = self._source.read(chunk.payload_offset, SCENE_HEAD_BYTES)
+                with suppress(CorruptError):
+                    head = parse_scene_head(start)
+                    found.append(SceneEntry(head.number, head.gaussians, head.planes, chunk))
+        return tuple(found)
 
     @property
     def streams(self) -> tuple[ChunkEntry, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 from gsvrcodec.container.chunk import (
@@ -11,6 +12,7 @@ from gsvrcodec.container.chunk import (
     HEAD_BYTES,
     HEAD_TYPE,
     OVERHEAD_BYTES,
+    SCENE_TYPE,
     ChunkEntry,
     is_critical,
     parse_chunk_head,
@@ -22,6 +24,7 @@ from gsvrcodec.limits import Limits
 
 _WINDOW_BYTES = 1 << 20
 _MAX_WARNINGS = 20
+_SOUGHT = re.compile(re.escape(GOP_TYPE) + b"|" + re.escape(SCENE_TYPE))
 
 
 @dataclass(slots=True)
@@ -41,7 +44,7 @@ class Walk:
 
 
 def walk(source: Source, start: int, limits: Limits) -> Walk:
-    """Go from chunk head to chunk head from `start`, past damage where a GOP follows it.
+    """Go from chunk head to chunk head from `start`, past damage where a GOP or a scene follows it.
 
     Payloads are not read, except the heads of GOPs.
 
@@ -60,7 +63,7 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
             chunk = _chunk_at(source, offset)
         except CorruptError as error:
             found.warn(str(error))
-            resumed, tries = _next_gop(source, offset + 1, limits, tries)
+            resumed, tries = _next_sound(source, offset + 1, limits, tries)
             if resumed is not None:
                 found.warn(f"skipped {resumed - offset} damaged bytes at byte {offset}")
             offset = source.size if resumed is None else resumed
@@ -120,8 +123,8 @@ def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
     found.gops.append(gop)
 
 
-def _next_gop(source: Source, start: int, limits: Limits, tries: int) -> tuple[int | None, int]:
-    """Offset of the next sound GOP head at or after `start`, or None; and the new count of tries.
+def _next_sound(source: Source, start: int, limits: Limits, tries: int) -> tuple[int | None, int]:
+    """Offset of the next sound head of a GOP or scene from `start` on, or None; and the tries.
 
     A payload may hold bytes that look like a chunk; only the head's own CRC tells them apart.
     """
@@ -129,16 +132,14 @@ def _next_gop(source: Source, start: int, limits: Limits, tries: int) -> tuple[i
     while position < source.size:
         size = min(_WINDOW_BYTES, source.size - position)
         window = source.read(position, size)
-        at = window.find(GOP_TYPE)
-        while at >= 0:
+        for match in _SOUGHT.finditer(window):
             tries += 1
-            limits.check("chunks", tries, "the number of pieces that look like a GOP")
+            limits.check("chunks", tries, "the number of pieces that look like a chunk")
             try:
-                _chunk_at(source, position + at)
+                _chunk_at(source, position + match.start())
             except CorruptError:
-                at = window.find(GOP_TYPE, at + 1)
-            else:
-                return position + at, tries
+                continue
+            return position + match.start(), tries
         # Overlap the windows by three bytes: a type may lie across their border.
         position += size if size <= len(GOP_TYPE) else size - len(GOP_TYPE) + 1
     return None, tries

@@ -12,6 +12,7 @@ from gsvrcodec.container.chunk import (
     HEAD_TYPE,
     INDEX_TYPE,
     OVERHEAD_BYTES,
+    SCENE_TYPE,
     SIGNATURE,
     STRUCTURAL_TYPES,
     ChunkEntry,
@@ -28,6 +29,7 @@ from gsvrcodec.container.index import (
     index_bytes,
     index_payload,
 )
+from gsvrcodec.container.scene_head import parse_scene_head
 
 
 class GsvrWriter:
@@ -48,6 +50,7 @@ class GsvrWriter:
         )
         self._chunks: list[ChunkEntry] = []
         self._gops: list[GopEntry] = []
+        self._scenes: dict[int, int] = {}
         self._closed = False
         start = SIGNATURE + chunk_bytes(HEAD_TYPE, self._header.to_bytes())
         file.seek(0)
@@ -69,6 +72,18 @@ class GsvrWriter:
         """Bytes written so far."""
         return self._end
 
+    def add_scene(self, payload: bytes) -> None:
+        """Append a scene, as packed by `gsvrcodec.model.scene.pack_scene`, before its first GOP.
+
+        Raises:
+            ValueError: The payload has no head of a scene, or not a greater number than the last.
+        """
+        head = parse_scene_head(payload)
+        if head.number <= max(self._scenes, default=0):
+            raise ValueError(f"scene {head.number} after scene {max(self._scenes)}")
+        self._append(SCENE_TYPE, payload)
+        self._scenes[head.number] = head.gaussians
+
     def add_gop(self, payload: bytes) -> GopEntry:
         """Append a GOP, as packed by `gsvrcodec.model.pack.pack_gop`.
 
@@ -76,16 +91,19 @@ class GsvrWriter:
             Its place in the file and in time, read from the payload's head.
 
         Raises:
-            ValueError: The payload does not start with a GOP head that continues the last GOP.
+            ValueError: The payload does not start with a GOP head that continues the last GOP, or
+                its scene was not added.
         """
         head = parse_gop_head(payload)
+        if self._scenes.get(head.scene, 0) != head.scene_gaussians:
+            raise ValueError(f"the GOP shows scene {head.scene}, which was not added")
         entry = unpack_summary(payload, ChunkEntry(GOP_TYPE, self._end, len(payload)))
         entry.check_follows(self._gops[-1] if self._gops else None)
         most = self._header.max_grid
         self._rewrite_header(
             replace(
                 self._header,
-                max_gaussians=max(self._header.max_gaussians, head.gaussians),
+                max_gaussians=max(self._header.max_gaussians, head.most_drawn),
                 max_gop_frames=max(self._header.max_gop_frames, head.frames),
                 max_grid=(
                     max(most[0], head.grid[0]),
@@ -112,10 +130,10 @@ class GsvrWriter:
             raise ValueError(f"{kind!r} is not the type of an auxiliary chunk")
         self._append(kind, payload)
 
-    def final_size(self, gops: int, payload_bytes: int) -> int:
-        """Bytes of the closed file after so many more GOPs with so many bytes together."""
-        index = index_bytes(len(self._chunks) + gops)
-        return self._end + gops * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
+    def final_size(self, chunks: int, payload_bytes: int) -> int:
+        """Bytes of the closed file after so many more chunks with so many bytes together."""
+        index = index_bytes(len(self._chunks) + chunks)
+        return self._end + chunks * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
 
     def close(self) -> None:
         """Write the index and the final header; without this the file counts as cut short.

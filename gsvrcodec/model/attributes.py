@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isqrt
 from typing import Literal
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS
 
-Grid = Literal["gaussians", "xy", "xt", "yt"]
+Grid = Literal["gaussians", "xy", "xt", "yt", "scene"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,33 +37,49 @@ ATTRIBUTES = (
     Attribute(8, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
     Attribute(9, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
 )
-ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in ATTRIBUTES}
+#: Which Gaussians of its scene a GOP shows: 1, or 0 for those that it leaves out.
+SHOWN = Attribute(10, "shown", 1, "scene", 0.0, 1.0)
+#: What is stored of Gaussians that stand still: those of a scene.
+STILL_ATTRIBUTES = ATTRIBUTES[:4]
+ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in (*ATTRIBUTES, SHOWN)}
 
 
-def plane_size(kind: Grid, gaussians: int, grid: tuple[int, int, int]) -> tuple[int, int]:
-    """Width and height of the planes of one grid; (0, 0) = the GOP has no such planes.
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What the sizes of all planes follow from."""
 
-    Args:
-        kind: Which grid.
-        gaussians: N; they fill a grid of ceil(sqrt(N)) columns row by row.
-        grid: Gx, Gy, Gt.
-    """
-    if kind == "gaussians":
-        if not gaussians:
-            return 0, 0
-        width = isqrt(gaussians - 1) + 1
-        return width, -(-gaussians // width)
-    gx, gy, gt = grid
-    return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
+    gaussians: int  #: N
+    grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
+    scene: int = 0  #: Gaussians of the scene; 0 = none
 
+    def plane_size(self, kind: Grid) -> tuple[int, int]:
+        """Width and height of the planes of one grid; (0, 0) = there are none.
 
-def expected_planes(
-    gaussians: int, grid: tuple[int, int, int]
-) -> list[tuple[Attribute, int, int, int]]:
-    """The planes a GOP must have, in order: attribute, component, width, height."""
-    planes = []
-    for attribute in ATTRIBUTES:
-        width, height = plane_size(attribute.grid, gaussians, grid)
-        if width:
-            planes += [(attribute, part, width, height) for part in range(attribute.components)]
-    return planes
+        Gaussians fill a grid of ceil(sqrt(N)) columns row by row.
+        """
+        if kind in ("gaussians", "scene"):
+            count = self.gaussians if kind == "gaussians" else self.scene
+            if not count:
+                return 0, 0
+            width = isqrt(count - 1) + 1
+            return width, -(-count // width)
+        gx, gy, gt = self.grid
+        return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
+
+    def samples(self, kind: Grid) -> int:
+        """Samples of a plane of one grid that mean something."""
+        if kind in ("gaussians", "scene"):
+            return self.gaussians if kind == "gaussians" else self.scene
+        width, height = self.plane_size(kind)
+        return width * height
+
+    def planes(
+        self, attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN)
+    ) -> list[tuple[Attribute, int, int, int]]:
+        """The planes there must be, in order: attribute, component, width, height."""
+        planes = []
+        for attribute in attributes:
+            width, height = self.plane_size(attribute.grid)
+            if width:
+                planes += [(attribute, part, width, height) for part in range(attribute.components)]
+        return planes

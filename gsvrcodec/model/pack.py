@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, fields
 
@@ -13,13 +12,14 @@ from gsvrcodec.container.gop_head import GOP_HEAD_BYTES, GopHead, parse_gop_head
 from gsvrcodec.container.header import Header
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, Attribute, Grid, expected_planes, plane_size
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Shape
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.plane_table import PlaneEntry, parse_plane_table
-from gsvrcodec.model.quantise import Precision, Quantiser
+from gsvrcodec.model.planes import component, pack_planes, quantiser_of, unpack_planes
+from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.timing import Ticks, pack_timing, unpack_timing
-from gsvrcodec.planes import PACKS, Codec, PlaneStack, decode_plane, encode_plane
+from gsvrcodec.planes import PACKS, Codec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +30,8 @@ class GopContent:
     first_frame: int  #: number of its first frame in the file
     pts: Ticks  #: (F,) presentation timestamps, ticks, strictly increasing
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
+    scene: int = 0  #: number of the scene whose Gaussians are drawn as well; 0 = none
+    shown: NDArray[np.bool_] | None = None  #: which of them, (N of the scene,); None = no scene
 
 
 def pack_gop(
@@ -39,6 +41,9 @@ def pack_gop(
     first_frame: int,
     precision: Precision,
     codecs: Collection[Codec] = PACKS["auto"],
+    *,
+    scene: int = 0,
+    shown: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
@@ -49,45 +54,42 @@ def pack_gop(
         first_frame: Number of its first frame in the file.
         precision: Bits of each attribute (1 to 16), or steps of its components.
         codecs: Plane codecs to choose from.
+        scene: Number of the scene whose Gaussians it shows as well; 0 = none.
+        shown: Which of them, in the scene's stored order; None = no scene.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
     """
     if not 1 <= len(pts) == len(durations):
         raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
-    gaussians, grid = len(gop), grid_size(gop)
+    shape = Shape(len(gop), grid_size(gop), 0 if shown is None else len(shown))
     order = strip_order(gop.position)
-    table: list[bytes] = []
-    planes: list[bytes] = []
-    stacks = _plane_stacks(gaussians, grid)
-    for attribute, part, width, height in expected_planes(gaussians, grid):
-        values = _component(gop, attribute, part)
-        quantiser = _quantiser(values, attribute, part, precision)
-        if attribute.grid == "gaussians":
-            # The last Gaussian again in the cells that N does not fill; decoders drop them.
-            values = np.pad(values[order], (0, width * height - gaussians), mode="edge")
-        codes = quantiser.quantise(values).reshape(height, width)
-        stack = stacks[attribute.grid]
-        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.earlier)
-        stack.append(codes)
-        entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
-        table.append(entry.to_bytes())
-        planes.append(data)
+    values: dict[str, NDArray[np.floating]] = {}
+    for attribute in ATTRIBUTES:
+        samples: Float32Array = getattr(gop, attribute.name)
+        values[attribute.name] = samples[order] if attribute.grid == "gaussians" else samples
+    if shown is not None:
+        values[SHOWN.name] = shown.astype(np.float32)
+    planes, data = pack_planes(values, shape, precision, codecs)
     head = GopHead(
         first_frame=first_frame,
         frames=len(pts),
-        gaussians=gaussians,
+        gaussians=shape.gaussians,
         start_pts=int(pts[0]),
         last_pts=int(pts[-1]),
         last_duration=int(durations[-1]),
-        grid=grid,
-        planes=len(planes),
+        grid=shape.grid,
+        planes=planes,
+        scene=scene,
+        scene_gaussians=shape.scene,
     )
-    return b"".join([head.to_bytes(), pack_timing(pts, durations), *table, *planes])
+    return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
 
 
 def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     """Decode the payload of a GOP chunk; needs nothing else of the file but its header.
+
+    The Gaussians of its scene are not among the result; see `gsvrcodec.model.scene`.
 
     Raises:
         CorruptError: The payload breaks a rule of the spec.
@@ -96,43 +98,18 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     """
     head = parse_gop_head(payload)
     head.check_maxima(header)
-    head.check_grid(header)
     pts, durations, entries, offset = _parse(payload, head, limits)
-    limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
-    for entry in entries:
-        limits.check(
-            "plane_samples", entry.width * entry.height, "the number of samples of a plane"
-        )
-    values: dict[str, Float32Array] = {}
-    stacks = _plane_stacks(head.gaussians, head.grid)
-    for entry in entries:
-        attribute = entry.attribute
-        stack = stacks[attribute.grid]
-        data = payload[offset : offset + entry.size]
-        offset += entry.size
-        try:
-            codes = decode_plane(
-                entry.codec,
-                data,
-                entry.width,
-                entry.height,
-                entry.quantiser.bits,
-                limits,
-                stack.earlier,
-            )
-        except CorruptError as error:
-            raise CorruptError(f"plane {entry.name}: {error.message}") from error
-        stack.append(codes)
-        plane = entry.quantiser.dequantise(codes)
-        if attribute.grid == "gaussians":
-            plane = plane.reshape(-1)[: head.gaussians]
-        if attribute.components == 1:
-            values[attribute.name] = plane
-            continue
-        if entry.component == 0:
-            values[attribute.name] = np.empty((*plane.shape, attribute.components), np.float32)
-        values[attribute.name][..., entry.component] = plane
-    return GopContent(_gop(values, head), head.first_frame, pts, durations)
+    shape = _shape(head)
+    values = unpack_planes(entries, payload, offset, shape, limits)
+    shown = values.pop(SHOWN.name, None)
+    return GopContent(
+        _gop(values, head),
+        head.first_frame,
+        pts,
+        durations,
+        head.scene,
+        None if shown is None else shown != 0,
+    )
 
 
 def plane_table(payload: bytes, limits: Limits | None = None) -> tuple[PlaneEntry, ...]:
@@ -158,9 +135,9 @@ def dequantised(gop: Gop, precision: Precision) -> Gop:
         result = np.empty(original.shape, np.float32)
         if original.size:
             for part in range(attribute.components):
-                component = _component(gop, attribute, part)
-                quantiser = _quantiser(component, attribute, part, precision)
-                restored = quantiser.dequantise(quantiser.quantise(component))
+                samples = component(original, attribute, part)
+                quantiser = quantiser_of(samples, attribute, part, precision)
+                restored = quantiser.dequantise(quantiser.quantise(samples))
                 target = result if attribute.components == 1 else result[..., part]
                 target[...] = restored
         values[attribute.name] = result
@@ -177,7 +154,7 @@ def _parse(
     payload: bytes, head: GopHead, limits: Limits
 ) -> tuple[Ticks, Ticks, tuple[PlaneEntry, ...], int]:
     """Timing, plane table and the offset of the first plane; the planes end with the payload."""
-    limits.check("gaussians", head.gaussians, "the number of Gaussians in a GOP")
+    limits.check("gaussians", head.most_drawn, "the number of Gaussians in a GOP")
     limits.check("gop_frames", head.frames, "the number of frames in a GOP")
     pts, durations, offset = unpack_timing(payload, GOP_HEAD_BYTES, head.start_pts, head.frames)
     if (int(pts[-1]), int(durations[-1])) != (head.last_pts, head.last_duration):
@@ -185,42 +162,12 @@ def _parse(
             f"last frame at {pts[-1]} for {durations[-1]} ticks, "
             f"the GOP's head says {head.last_pts} for {head.last_duration}"
         )
-    entries, offset = parse_plane_table(payload, offset, head)
-    end = offset + sum(entry.size for entry in entries)
-    if end != len(payload):
-        raise CorruptError(f"planes end at byte {end} of a GOP of {len(payload)} bytes")
+    entries, offset = parse_plane_table(payload, offset, head.planes, _shape(head).planes())
     return pts, durations, entries, offset
 
 
-def _plane_stacks(gaussians: int, grid: tuple[int, int, int]) -> dict[Grid, PlaneStack]:
-    """An empty stack for the planes of each grid that the GOP has."""
-    count = Counter(attribute.grid for attribute, *_ in expected_planes(gaussians, grid))
-    stacks = {}
-    for kind, planes in count.items():
-        width, height = plane_size(kind, gaussians, grid)
-        # Along a row of Gaussians x rises, from the left to the right of the picture.
-        stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
-    return stacks
-
-
-def _component(gop: Gop, attribute: Attribute, part: int) -> NDArray[np.floating]:
-    values: Float32Array = getattr(gop, attribute.name)
-    if attribute.components > 1:
-        values = values[..., part]
-    # A Gaussian turned by half a circle is the same one; one period needs the fewest bits.
-    return np.mod(values, np.pi) if attribute.name == "rotation" else values
-
-
-def _quantiser(
-    values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
-) -> Quantiser:
-    quantiser = Quantiser.choose(values, attribute, part, precision)
-    if quantiser.offset < attribute.low or quantiser.last > attribute.high:
-        raise ValueError(
-            f"{attribute.name} spans {quantiser.offset:g} to {quantiser.last:g}, "
-            f"allowed is {attribute.low:g} to {attribute.high:g}"
-        )
-    return quantiser
+def _shape(head: GopHead) -> Shape:
+    return Shape(head.gaussians, head.grid, head.scene_gaussians)
 
 
 def _gop(values: dict[str, Float32Array], head: GopHead) -> Gop:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from gsvrcodec.container.gop_head import GopHead
 from gsvrcodec.errors import CorruptError, UnsupportedError
-from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, Attribute, expected_planes
+from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, Attribute
 from gsvrcodec.model.quantise import Quantiser
 from gsvrcodec.planes.samples import MAX_BITS
 from gsvrcodec.planes.table import Codec
@@ -52,27 +52,35 @@ class PlaneEntry:
 
 
 def parse_plane_table(
-    payload: bytes, offset: int, head: GopHead
+    payload: bytes,
+    offset: int,
+    planes: int,
+    expected: Sequence[tuple[Attribute, int, int, int]],
 ) -> tuple[tuple[PlaneEntry, ...], int]:
-    """Read and check the plane table that starts at `offset` of a GOP's payload.
+    """Read and check a plane table, and that the planes behind it end with the payload.
+
+    Args:
+        payload: Of a GOP or a scene.
+        offset: Where the table starts in it.
+        planes: How many entries it is said to have.
+        expected: Those it must have: attribute, component, width, height.
 
     Returns:
         Its entries, and the offset after it.
 
     Raises:
-        CorruptError: It is cut short, or is not the table that the GOP's head implies.
+        CorruptError: It is cut short, or is not the table that is expected.
         UnsupportedError: It names an attribute or codec that this version does not know.
     """
-    end = offset + head.planes * PLANE_ENTRY_BYTES
+    end = offset + planes * PLANE_ENTRY_BYTES
     if end > len(payload):
-        raise CorruptError(f"plane table of {head.planes} planes cut short")
+        raise CorruptError(f"plane table of {planes} planes cut short")
     raw = list(_ENTRY.iter_unpack(payload[offset:end]))
     for attribute_id, _, codec, *_ in raw:
         if attribute_id not in ATTRIBUTE_BY_ID:
             raise UnsupportedError(f"unknown attribute {attribute_id} in a plane table")
         if codec not in Codec.__members__.values():
             raise UnsupportedError(f"unknown plane codec {codec}")
-    expected = expected_planes(head.gaussians, head.grid)
     if len(raw) != len(expected):
         raise CorruptError(f"{len(raw)} planes, expected {len(expected)}")
     entries = []
@@ -90,6 +98,9 @@ def parse_plane_table(
         entries.append(
             PlaneEntry(attribute, component, Codec(codec), quantiser, width, height, size)
         )
+    last = end + sum(entry.size for entry in entries)
+    if last != len(payload):
+        raise CorruptError(f"planes end at byte {last} of a payload of {len(payload)} bytes")
     return tuple(entries), end
 
 

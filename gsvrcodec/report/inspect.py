@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from gsvrcodec.container.chunk import SCENE_TYPE
 from gsvrcodec.container.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.frames import Metadata
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, plane_size
+from gsvrcodec.model.attributes import ATTRIBUTES, STILL_ATTRIBUTES, Attribute, Shape
 from gsvrcodec.model.pack import unpack_gop
+from gsvrcodec.model.scene import unpack_scene
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -26,8 +28,19 @@ class GopInfo:
     frames: int  #: how many it has
     start_pts: int  #: presentation time of its first frame, ticks
     last_pts: int  #: presentation time of its last frame, ticks
-    gaussians: int  #: Gaussians in it
+    gaussians: int  #: Gaussians of its own
+    scene: int  #: number of the scene whose Gaussians it shows as well; 0 = none
     grid: tuple[int, int, int]  #: size of the tri-plane in x, y and time; 0 = none
+    parameters: int  #: stored numbers, before quantisation
+    bytes: int  #: of its payload
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneInfo:
+    """One scene of a file."""
+
+    number: int  #: by which GOPs name it
+    gaussians: int  #: Gaussians in it
     parameters: int  #: stored numbers, before quantisation
     bytes: int  #: of its payload
 
@@ -39,13 +52,15 @@ class FileInfo:
     path: str
     metadata: Metadata
     gops: tuple[GopInfo, ...]
+    scenes: tuple[SceneInfo, ...]
     recovered: bool  #: whether it is cut short or damaged, so that GOPs had to be searched for
     warnings: tuple[str, ...]  #: what is wrong with it and does not keep it from being decoded
 
     @property
     def parameters(self) -> int:
-        """Stored numbers of all GOPs, before quantisation."""
-        return sum(gop.parameters for gop in self.gops)
+        """Stored numbers of all GOPs and scenes, before quantisation."""
+        own = sum(gop.parameters for gop in self.gops)
+        return own + sum(scene.parameters for scene in self.scenes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `gsvrinfo --json` prints."""
@@ -74,6 +89,7 @@ class FileInfo:
             "warnings": list(self.warnings),
             "settings": meta.settings,
             "gop_list": [asdict(gop) for gop in self.gops],
+            "scene_list": [asdict(scene) for scene in self.scenes],
         }
 
 
@@ -94,8 +110,22 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
             except CorruptError as error:
                 raise error.located(entry.chunk.name, entry.offset) from error
             gops.append(_gop_info(entry, head))
+        scenes = tuple(
+            SceneInfo(
+                number=scene.number,
+                gaussians=scene.gaussians,
+                parameters=_parameters(Shape(scene.gaussians, (0, 0, 0)), STILL_ATTRIBUTES),
+                bytes=scene.chunk.size,
+            )
+            for scene in reader.scenes
+        )
         return FileInfo(
-            os.fspath(path), Metadata.of(reader), tuple(gops), reader.recovered, reader.warnings
+            os.fspath(path),
+            Metadata.of(reader),
+            tuple(gops),
+            scenes,
+            reader.recovered,
+            reader.warnings,
         )
 
 
@@ -123,6 +153,8 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
                 if chunk.offset in gops:
                     payload = reader.read_gop(gops[chunk.offset])
                     unpack_gop(payload, reader.header, limits)
+                elif chunk.type == SCENE_TYPE:
+                    unpack_scene(reader.read_chunk(chunk), limits)
                 else:
                     reader.read_chunk(chunk)
             except CorruptError as error:
@@ -137,17 +169,13 @@ def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
         start_pts=entry.start_pts,
         last_pts=entry.last_pts,
         gaussians=entry.gaussians,
+        scene=head.scene,
         grid=head.grid,
-        parameters=_parameters(entry.gaussians, head.grid),
+        parameters=_parameters(Shape(entry.gaussians, head.grid), ATTRIBUTES),
         bytes=entry.size,
     )
 
 
-def _parameters(gaussians: int, grid: tuple[int, int, int]) -> int:
-    """Return how many numbers a GOP stores; the same as `Gop.parameters` of its content."""
-    total = 0
-    for attribute in ATTRIBUTES:
-        width, height = plane_size(attribute.grid, gaussians, grid)
-        samples = gaussians if attribute.grid == "gaussians" else width * height
-        total += attribute.components * samples
-    return total
+def _parameters(shape: Shape, attributes: Sequence[Attribute]) -> int:
+    """Return how many numbers are stored; the same as `Gop.parameters` of a GOP's content."""
+    return sum(a.components * shape.samples(a.grid) for a in attributes)

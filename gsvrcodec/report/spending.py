@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,6 +11,7 @@ from gsvrcodec.container.chunk import (
     GOP_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
+    SCENE_TYPE,
     SETTINGS_TYPE,
     SIGNATURE,
     STREAMS_TYPE,
@@ -17,10 +20,16 @@ from gsvrcodec.container.chunk import (
 from gsvrcodec.container.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN
 from gsvrcodec.model.pack import plane_table
+from gsvrcodec.model.plane_table import PlaneEntry
+from gsvrcodec.model.scene import scene_table
 
-_AUXILIARY = {SETTINGS_TYPE: "settings", METADATA_TYPE: "metadata", STREAMS_TYPE: "streams"}
+_NAMES = {
+    SETTINGS_TYPE: "settings",
+    METADATA_TYPE: "metadata",
+    STREAMS_TYPE: "streams",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,38 +49,33 @@ class Item:
 def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ...]:
     """Return what takes the bytes of a file; together they are all of it.
 
-    The items are the attributes in the order of the spec, which ends with the three tri-planes;
-    "heads", all else in the GOPs: head, timing and plane table; the auxiliary chunks; "container",
-    what frames and finds them; and "unread", what is damaged or not known to this version. Empty
-    items are left out.
+    The items are the attributes in the order of the spec, in GOPs and scenes alike, which end with
+    the three tri-planes and what GOPs show of scenes; "heads", all else in the two: head, timing
+    and plane table; the auxiliary chunks; "container", what frames and finds them; and "unread",
+    what is damaged or not known to this version. Empty items are left out.
 
     Raises:
         InputError: the file cannot be read.
     """
     limits = limits or Limits.from_environment()
-    sizes: dict[str, int] = {attribute.name: 0 for attribute in ATTRIBUTES}
+    sizes: dict[str, int] = {attribute.name: 0 for attribute in (*ATTRIBUTES, SHOWN)}
     codecs: dict[str, set[str]] = {}
-    names = ("heads", *_AUXILIARY.values(), "other", "container", "unread")
+    names = ("heads", "settings", "metadata", "streams", "other", "container", "unread")
     sizes |= dict.fromkeys(names, 0)
     sizes["container"] = len(SIGNATURE) + OVERHEAD_BYTES * len(reader.chunks)
     for chunk in reader.chunks:
         if chunk.type in STRUCTURAL_TYPES - {GOP_TYPE}:
             sizes["container"] += chunk.size
-        elif chunk.type != GOP_TYPE:
-            sizes[_AUXILIARY.get(chunk.type, "other")] += chunk.size
-    for position in range(len(reader.gops)):
-        try:
-            payload = reader.read_gop(position)
-            entries = plane_table(payload, limits)
-        except (CorruptError, UnsupportedError):
-            continue
+        elif chunk.type not in (GOP_TYPE, SCENE_TYPE):
+            sizes[_NAMES.get(chunk.type, "other")] += chunk.size
+    for payload, entries in _tables(reader, limits):
         sizes["heads"] += len(payload) - sum(entry.size for entry in entries)
         for entry in entries:
             name = entry.attribute.name
             sizes[name] += entry.size
             codecs.setdefault(name, set()).add(entry.codec.name.lower())
     sizes["unread"] = reader.size - sum(sizes.values())
-    gaussians = sum(gop.gaussians for gop in reader.gops)
+    gaussians = reader.gaussians
     return tuple(
         Item(
             name=name,
@@ -82,3 +86,15 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
         for name, size in sizes.items()
         if size
     )
+
+
+def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[PlaneEntry, ...]]]:
+    """Payload and plane table of each GOP and scene that is sound."""
+    for position in range(len(reader.gops)):
+        with suppress(CorruptError, UnsupportedError):
+            payload = reader.read_gop(position)
+            yield payload, plane_table(payload, limits)
+    for scene in reader.scenes:
+        with suppress(CorruptError, UnsupportedError):
+            payload = reader.read_chunk(scene.chunk)
+            yield payload, scene_table(payload, limits)
