@@ -21,12 +21,13 @@ from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import check_output, fingerprint, gathered_output, is_stream
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.plan import longest_gop, plan
+from gsvrcodec.fit.scenes import still_shots
 from gsvrcodec.fit.settings import EncodeSettings
 from gsvrcodec.fit.slicing import Step, analyse, slice_gops
 from gsvrcodec.parts import Parts
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.results import EncodeResult, GopStats, Meter, Progress
-from gsvrcodec.tasks import processes_for, tasks
+from gsvrcodec.tasks import fit_scenes, processes_for, tasks
 from gsvrcodec.verify import verify_file
 from gsvrcodec.versions import versions
 from gsvrcodec.video import (
@@ -102,8 +103,10 @@ def encode(
             raise NotAVideoError(f"{src} has no video frames")
         span = _span(shown, video.info.time_base, chosen)
         extras = read_extras(path, chosen.copied_kinds, span)
-        overhead = _begin(io.BytesIO(), video.info, chosen, extras).final_size(len(gops), 0)
-        budgets = plan(
+        stills = list(still_shots(video, gops, steps)) if chosen.may_have_scenes else []
+        empty = _begin(io.BytesIO(), video.info, chosen, extras)
+        overhead = empty.final_size(len(gops) + len(stills), 0)
+        planned = plan(
             gops,
             steps,
             size,
@@ -111,12 +114,14 @@ def encode(
             seconds=duration,
             overhead=overhead,
             streams=extras.streams_bytes,
+            stills=stills,
         )
+        meter = Meter(gops, len(stills), parts, began, progress)
+        meter.report()
+        scenes = fit_scenes(stills, planned.scenes, gops, chosen, parts, meter.report)
         missing = [gop for gop in gops if gop not in parts]
         workers, threads = processes_for(missing, size, chosen)
-        waiting = tasks(video, gops, budgets, chosen, missing, workers, began)
-        meter = Meter(gops, parts, began, progress)
-        meter.report()
+        waiting = tasks(video, gops, planned.gops, chosen, missing, workers, began, scenes)
         with closing(fit_gops(waiting, workers, threads)) as fitted:
             for done in fitted:
                 _keep(done, parts)
@@ -124,7 +129,9 @@ def encode(
         with gathered_output(dst, overwrite=overwrite) as path:
             with path.open("w+b") as file:
                 writer = _begin(file, video.info, chosen, extras)
-                for gop in gops:
+                for position, gop in enumerate(gops):
+                    if any(shot.gops.start == position for shot in stills):
+                        writer.add_scene(scenes[gop].payload)
                     writer.add_gop(parts.payload(gop))
                 for stream in extras.streams:
                     writer.add_auxiliary(STREAMS_TYPE, stream.payload)
@@ -138,7 +145,8 @@ def encode(
         path=Path(dst),
         frames=frames,
         gops=len(gops),
-        gaussians=sum(gop.gaussians for gop in stats),
+        scenes=len(stills),
+        gaussians=writer.gaussians,
         bytes=writer.size,
         bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),
         psnr=sum(gop.psnr * gop.frames for gop in stats) / frames,

@@ -4,6 +4,7 @@ The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature 
 
     plan  JSON object: what the encode was begun with
     step  JSON: what the first pass over the input found, so that it need not be made again
+    scne  a finished scene: its payload
     part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
 
 Nothing is believed without its CRC; what a kill or a power cut left half-written is dropped.
@@ -29,11 +30,12 @@ from gsvrcodec.container.chunk import (
     chunk_bytes,
     parse_chunk_head,
 )
+from gsvrcodec.container.scene_head import parse_scene_head
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
-_PLAN, _ANALYSIS, _PART = b"plan", b"step", b"part"
+_PLAN, _ANALYSIS, _SCENE, _PART = b"plan", b"step", b"scne", b"part"
 _LENGTH = struct.Struct("<I")
 
 
@@ -59,6 +61,7 @@ class Parts:
     ) -> None:
         self._entries: dict[range, tuple[dict[str, Any], ChunkEntry]] = {}
         self._analysis: Any = None
+        self._scenes: dict[int, bytes] = {}
         self._end = 0
         self._file: BinaryIO
         content: dict[str, Any] = json.loads(json.dumps(plan))
@@ -119,6 +122,20 @@ class Parts:
         self._append(_ANALYSIS, json.dumps(analysis).encode())
         self._analysis = analysis
 
+    @property
+    def scenes(self) -> int:
+        """How many scenes are finished."""
+        return len(self._scenes)
+
+    def scene(self, number: int) -> bytes | None:
+        """Return the payload of a finished scene, None if it is not there."""
+        return self._scenes.get(number)
+
+    def add_scene(self, payload: bytes) -> None:
+        """Keep a finished scene."""
+        self._append(_SCENE, payload)
+        self._scenes[parse_scene_head(payload).number] = payload
+
     def add(self, gop: range, facts: Mapping[str, Any], payload: bytes) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
         text = json.dumps({"frames": [gop.start, gop.stop], "facts": facts}).encode()
@@ -170,7 +187,8 @@ class Parts:
         return len(start) < len(_SIGNATURE)
 
     def _begin(self, plan: dict[str, Any]) -> None:
-        self._entries, self._analysis, self._end = {}, None, len(_SIGNATURE)
+        self._entries, self._scenes, self._analysis = {}, {}, None
+        self._end = len(_SIGNATURE)
         self._file.seek(0)
         self._file.truncate()
         self._file.write(_SIGNATURE)
@@ -223,6 +241,8 @@ class Parts:
         payload = self._read(entry)
         if entry.type == _ANALYSIS:
             self._analysis = _json(payload)
+        elif entry.type == _SCENE:
+            self._scenes[parse_scene_head(payload).number] = payload
         elif entry.type == _PART:
             gop, facts, _ = _split(payload)
             self._entries[gop] = facts, entry

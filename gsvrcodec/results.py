@@ -22,6 +22,8 @@ class Progress:
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go
+    scene: int = 0  #: scenes done; they come before the GOPs
+    scenes: int = 0  #: scenes in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,8 @@ class EncodeResult:
     path: Path
     frames: int
     gops: int
-    gaussians: int  #: in all GOPs
+    scenes: int
+    gaussians: int  #: in all GOPs and scenes
     bytes: int  #: of the file
     bpp: float  #: bits a pixel and frame, copied streams left out
     psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded
@@ -65,6 +68,7 @@ class Meter:
 
     Args:
         gops: frames of each GOP.
+        scenes: how many there are.
         parts: those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
@@ -73,11 +77,13 @@ class Meter:
     def __init__(
         self,
         gops: Sequence[range],
+        scenes: int,
         parts: Parts,
         began: float,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        self._gops, self._parts, self._began, self._progress = gops, parts, began, progress
+        self._gops, self._scenes, self._parts = gops, scenes, parts
+        self._began, self._progress = began, progress
         self._resumed = sum(map(len, self._done()))
 
     def report(self) -> None:
@@ -94,6 +100,8 @@ class Meter:
             Progress(
                 gop=len(done),
                 gops=len(self._gops),
+                scene=self._parts.scenes,
+                scenes=self._scenes,
                 frames_done=frames_done,
                 frames=frames,
                 psnr=total / frames_done if done else None,

@@ -4,21 +4,70 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 
 import numpy as np
 
 from gsvrcodec.errors import InputError
-from gsvrcodec.fit.gop import FRAME_VISITS, GopTask
+from gsvrcodec.fit.gop import FRAME_VISITS, GopTask, encode_gop, scene_task
 from gsvrcodec.fit.plan import Budget
+from gsvrcodec.fit.scenes import StillShot, still_rgb
 from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.scene import Scene, unpack_scene
+from gsvrcodec.parts import Parts
 from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
 from gsvrcodec.workers import processes, starts
 
 #: Roughly what a step of the fit takes for each pixel of its frame.
 _VISIT_SECONDS = 15e-9
+#: Part of the time of its GOPs that a scene takes.
+_SCENE_TIME = 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedScene:
+    """A scene for the GOPs that may show it."""
+
+    scene: Scene
+    payload: bytes  #: of its chunk
+    picture: bytes  #: what it was fitted to, a PNG file
+
+
+def fit_scenes(
+    stills: Sequence[StillShot],
+    budgets: Sequence[Budget],
+    gops: Sequence[range],
+    settings: EncodeSettings,
+    parts: Parts,
+    report: Callable[[], None],
+) -> dict[range, FittedScene]:
+    """Fit the scenes that are not in `parts`, one after another, and return that of each GOP.
+
+    Args:
+        stills: the shots that get a scene.
+        budgets: of each.
+        gops: frames of all GOPs.
+        settings: of the encode.
+        parts: keeps what is finished.
+        report: called after each.
+    """
+    found: dict[range, FittedScene] = {}
+    for shot, budget in zip(stills, budgets, strict=True):
+        payload = parts.scene(shot.number)
+        if payload is None:
+            task = scene_task(shot.number, still_rgb(shot.picture), budget, settings)
+            if settings.time_budget is not None:
+                frames = sum(len(gops[position]) for position in shot.gops)
+                task = replace(task, seconds=_SCENE_TIME * settings.time_budget * frames)
+            payload = encode_gop(task).payload
+            parts.add_scene(payload)
+            report()
+        scene = FittedScene(unpack_scene(payload, Limits()), payload, shot.picture)
+        found |= {gops[position]: scene for position in shot.gops}
+    return found
 
 
 def processes_for(
@@ -45,6 +94,7 @@ def tasks(
     missing: Sequence[range],
     workers: int,
     began: float,
+    scenes: Mapping[range, FittedScene],
 ) -> Iterator[GopTask]:
     """Yield the `missing` ones of the GOPs, read when they are asked for.
 
@@ -56,6 +106,7 @@ def tasks(
         missing: those still to be fitted, in order.
         workers: how many are fitted at the same time.
         began: when the encode began, `time.perf_counter()`.
+        scenes: of the GOPs that have one.
 
     Raises:
         InputError: the video has become shorter.
@@ -73,7 +124,10 @@ def tasks(
             # A share of what is left, in proportion to its frames and those that wait for it.
             left = settings.time_budget * whole - (time.perf_counter() - began)
             seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
-        yield _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
+        task = _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
+        if gop in scenes:
+            task = replace(task, scene=scenes[gop].scene, scene_picture=scenes[gop].picture)
+        yield task
 
 
 def _task(

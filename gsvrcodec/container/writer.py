@@ -68,6 +68,11 @@ class GsvrWriter:
         return tuple(self._gops)
 
     @property
+    def gaussians(self) -> int:
+        """Gaussians of all GOPs and scenes written so far."""
+        return sum(gop.gaussians for gop in self._gops) + sum(self._scenes.values())
+
+    @property
     def size(self) -> int:
         """Bytes written so far."""
         return self._end

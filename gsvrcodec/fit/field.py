@@ -13,7 +13,9 @@ from torch import Tensor
 from gsvrcodec.fit.settings import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.scene import together
 from gsvrcodec.native import _core
+from gsvrcodec.render.native import render_linear
 
 NAMES = Gop.__slots__
 
@@ -24,11 +26,15 @@ class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
     `raw` holds a leaf tensor for each trained attribute: those of `Gop`, but alpha is a logit.
-    What `deform` switches off is not in it. They lie on `device`, "cpu" or "cuda:N".
+    What `deform` switches off is not in it. They lie on `device`, "cpu" or "cuda:N". `still`, if
+    given, is drawn behind them and never changes.
     """
 
-    def __init__(self, start: Gop, deform: Deform, device: str = "cpu") -> None:
+    def __init__(
+        self, start: Gop, deform: Deform, device: str = "cpu", still: Gop | None = None
+    ) -> None:
         self.device = device
+        self._still = still
         tensors = {
             name: torch.from_numpy(getattr(start, name).astype(np.float32)).to(device)
             for name in NAMES
@@ -74,6 +80,26 @@ class Field:
         with memory_checked(f"hold {len(frames)} frames"):
             return torch.from_numpy(frames).to(self.device)
 
+    def backdrop(
+        self, size: tuple[int, int], coded_size: tuple[int, int], threads: int = 0
+    ) -> Float32Array | Tensor | None:
+        """What is drawn behind the trained Gaussians at a size, (H, W, 3); None = nothing.
+
+        Args:
+            size: width and height to draw at.
+            coded_size: width and height that scales are relative to.
+            threads: native threads.
+        """
+        if self._still is None:
+            return None
+        picture = render_linear(self._still, size, coded_size, threads)
+        return picture if self.device == "cpu" else torch.from_numpy(picture).to(self.device)
+
+    def drawn(self) -> Gop:
+        """The present state, with what is drawn behind it."""
+        gop = self.gop()
+        return gop if self._still is None else together(gop, self._still)
+
     def gop(self) -> Gop:
         """The present state, as arrays of its own, well within the bounds of the spec."""
         tensors = self.tensors()
@@ -93,6 +119,7 @@ class _SquaredError(torch.autograd.Function):
         target: NDArray[np.uint8] | Tensor,
         coded_size: tuple[int, int],
         threads: int,
+        backdrop: Float32Array | Tensor | None,
         *tensors: Tensor,
     ) -> Tensor:
         inputs = [t.detach() for t in tensors]
@@ -104,6 +131,7 @@ class _SquaredError(torch.autograd.Function):
                 torch.full((1,), tau, device=target.device),
                 target[None],
                 coded_size,
+                backdrop if isinstance(backdrop, Tensor) else None,
             )
             ctx.gradients = [named[name] for name in NAMES]
             return loss
@@ -115,6 +143,7 @@ class _SquaredError(torch.autograd.Function):
             *coded_size,
             _core.Parameters(*gradients),
             threads,
+            backdrop,
         )
         ctx.gradients = gradients
         return torch.tensor(error)
@@ -124,7 +153,7 @@ class _SquaredError(torch.autograd.Function):
         (output,) = outputs
         gradients = ctx.gradients
         torch._foreach_mul_(gradients, output)
-        return (None, None, None, None, *gradients)
+        return (None, None, None, None, None, *gradients)
 
 
 def squared_error(
@@ -133,15 +162,16 @@ def squared_error(
     target: NDArray[np.uint8] | Tensor,
     coded_size: tuple[int, int],
     threads: int = 0,
+    backdrop: Float32Array | Tensor | None = None,
 ) -> Tensor:
     """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), in [0, 1].
 
     Render, loss and gradient in one call of the native core, or of the kernels for GPUs if the
     target is a tensor there; the gradient passes through the clamp. The frame is rendered at the
-    target's size.
+    target's size, in front of `backdrop` (H, W, 3), which lies where the target does.
     """
     result: Tensor = _SquaredError.apply(  # type: ignore[no-untyped-call]
-        tau, target, coded_size, threads, *tensors.values()
+        tau, target, coded_size, threads, backdrop, *tensors.values()
     )
     return result
 

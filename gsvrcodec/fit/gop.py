@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from statistics import fmean
 
 import numpy as np
@@ -16,26 +16,35 @@ from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.initialise import content_aware, random_start
 from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, optimise
-from gsvrcodec.fit.plan import PSNR_OCTAVE, Grid, most_gaussians, triplane_grid
+from gsvrcodec.fit.plan import PSNR_OCTAVE, Budget, Grid, most_gaussians, triplane_grid
 from gsvrcodec.fit.precision import equal_slope_steps, usual_factor
 from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.fit.rate import Target, find_factor
+from gsvrcodec.fit.scenes import shown_of, still_rgb
 from gsvrcodec.fit.sensitivity import sensitivity
 from gsvrcodec.fit.settings import EncodeSettings, Pack
 from gsvrcodec.fit.settle import settle
 from gsvrcodec.fit.still import with_still
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.pack import dequantised, pack_gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision
+from gsvrcodec.model.scene import Scene, only, pack_scene, together
 from gsvrcodec.model.timing import Ticks, normalised_time
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.device import choose_device
+from gsvrcodec.render.native import render_linear
+
+Shown = NDArray[np.bool_]
 
 #: Visits of each frame, by preset.
 FRAME_VISITS = {"fastest": 12, "fast": 40, "medium": 100, "slow": 400, "slowest": 1000}
 _MIN_STEPS, _MIN_TUNING_STEPS = 100, 30
+#: Of the fit of a scene, for each visit that a frame gets; and its least steps.
+SCENE_VISITS, _MIN_SCENE_STEPS = 16, 200
+#: Frames rendered together to measure their quality.
+_AT_ONCE = 8
 #: Part of the effort after which the publication's fit sees quantised values.
 _QAT_FROM = 0.9
 #: Part of the effort that goes into fine-tuning while rounding.
@@ -69,6 +78,58 @@ class GopTask:
     target_bytes: int | None = None  #: of the payload; None = what it comes to
     target_psnr: float | None = None  #: dB, mean of the frames; None = what it comes to
     grid: Grid | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
+    scene: Scene | None = None  #: what it may show of what other GOPs have too
+    scene_picture: bytes = b""  #: what the scene was fitted to, a PNG file
+
+    @property
+    def steps(self) -> int:
+        """Steps of the fit, if it does not go by time."""
+        return FRAME_VISITS[self.settings.preset] * len(self.frames)
+
+    def pack(self, gop: Gop, precision: Precision, pack: Pack, shown: Shown | None) -> bytes:
+        """The payload of what was fitted, and what it shows of the scene."""
+        return pack_gop(
+            gop,
+            self.pts,
+            self.durations,
+            self.first_frame,
+            precision,
+            PACKS[pack],
+            scene=0 if shown is None or self.scene is None else self.scene.number,
+            shown=shown,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneTask(GopTask):
+    """A scene to be fitted as if it were a GOP: its frames are one picture."""
+
+    number: int = 1  #: by which GOPs name it
+
+    @property
+    def steps(self) -> int:
+        """Steps of the fit, if it does not go by time."""
+        return max(_MIN_SCENE_STEPS, SCENE_VISITS * FRAME_VISITS[self.settings.preset])
+
+    def pack(self, gop: Gop, precision: Precision, pack: Pack, shown: Shown | None) -> bytes:
+        """The payload of what was fitted."""
+        return pack_scene(self.number, gop, precision, PACKS[pack])
+
+
+def scene_task(
+    number: int, picture: NDArray[np.uint8], budget: Budget, settings: EncodeSettings
+) -> SceneTask:
+    """Return what to fit to a picture (H, W, 3) that GOPs will share."""
+    return SceneTask(
+        frames=picture[None],
+        pts=np.zeros(1, np.int64),
+        durations=np.zeros(1, np.int64),
+        first_frame=0,
+        settings=replace(settings, deform="polynomial"),
+        seconds=None,
+        number=number,
+        **asdict(budget),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,38 +147,66 @@ def encode_gop(task: GopTask) -> EncodedGop:
     The same task gives the same bytes in any process and any order, unless it is timed.
     """
     began = time.perf_counter()
-    gaussians = task.gaussians
+    gaussians, behind = task.gaussians, _behind(task)
     if task.target_psnr is not None:
-        pilot = _Fitted(task, gaussians, share=_PILOT)
+        pilot = _Fitted(task, gaussians, behind, share=_PILOT)
         wanted = task.target_psnr + _ROUNDING_LOSS + fmean(_SPARE)
         gaussians = pilot.more(wanted - pilot.float_psnr() - pilot.to_come())
-    fitted = _Fitted(task, gaussians, spent=time.perf_counter() - began)
+    fitted = _Fitted(task, gaussians, behind, spent=time.perf_counter() - began)
     if task.target_psnr is not None and task.seconds is None:
         for _ in range(_MOST_REFITS):
             spare = fitted.float_psnr() - task.target_psnr - _ROUNDING_LOSS
             gaussians = fitted.more(fmean(_SPARE) - spare)
             if _SPARE[0] <= spare <= _SPARE[1] or gaussians == fitted.gaussians:
                 break
-            fitted = _Fitted(task, gaussians)
+            fitted = _Fitted(task, gaussians, behind)
     return fitted.encoded()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Behind:
+    """What a GOP shows of its scene."""
+
+    shown: Shown
+    gop: Gop  #: those Gaussians
+
+    def backdrop(self, size: tuple[int, int], threads: int) -> Float32Array:
+        """Return it as a picture, (H, W, 3), 1 is white."""
+        return render_linear(self.gop, size, size, threads)
+
+
+def _behind(task: GopTask) -> _Behind | None:
+    """Return what a GOP shows of its scene; None = nothing."""
+    if task.scene is None:
+        return None
+    shown = shown_of(task.scene, still_rgb(task.scene_picture), task.frames)
+    return _Behind(shown, only(task.scene.gop, shown)) if shown.any() else None
 
 
 class _Fitted:
     """A fit of a GOP, and what is stored of it."""
 
     def __init__(
-        self, task: GopTask, gaussians: int, *, share: float = 1.0, spent: float = 0.0
+        self,
+        task: GopTask,
+        gaussians: int,
+        behind: _Behind | None,
+        *,
+        share: float = 1.0,
+        spent: float = 0.0,
     ) -> None:
         """Fit.
 
         Args:
             task: what to encode.
             gaussians: N.
+            behind: what is shown of the scene.
             share: part of the task's effort to spend; less than 1 is for a trial.
             spent: wall time that the task has taken so far, seconds.
         """
         began = time.perf_counter()
         self._task, settings, frames = task, task.settings, task.frames
+        self._behind, still = behind, None if behind is None else behind.gop
         self.gaussians = gaussians
         self._taus = taus = normalised_time(task.pts)
         self._size = size = frames.shape[2], frames.shape[1]
@@ -128,9 +217,10 @@ class _Fitted:
             start = random_start(frames, gaussians, grid, rng)
         else:
             flow = None if settings.deform == "triplane" else flow_estimator(settings.flow)
-            start = content_aware(frames, taus, gaussians, grid, flow, rng)
-        self._field = Field(start, settings.deform, choose_device(settings.device))
-        steps = share * FRAME_VISITS[settings.preset] * len(frames)
+            backdrop = None if behind is None else behind.backdrop(size, settings.threads)
+            start = content_aware(frames, taus, gaussians, grid, flow, rng, backdrop)
+        self._field = Field(start, settings.deform, choose_device(settings.device), still)
+        steps = share * task.steps
         seconds = None
         self._tuning_seconds = None
         tuning = 0.0 if self._paper or not settings.qat else _TUNING
@@ -248,30 +338,32 @@ class _Fitted:
                 deform=settings.deform,
                 device=self._field.device,
                 threads=settings.threads,
+                still=None if self._behind is None else self._behind.gop,
             )
         return result, precision
 
     def _pack(self, gop: Gop, precision: Precision, pack: Pack) -> bytes:
-        task = self._task
-        return pack_gop(gop, task.pts, task.durations, task.first_frame, precision, PACKS[pack])
+        shown = None if self._behind is None else self._behind.shown
+        return self._task.pack(gop, precision, pack, shown)
 
     def _quality(self, gop: Gop) -> float:
         """Mean PSNR over the frames, dB."""
-        settings = self._task.settings
-        return fmean(
-            psnr(
-                render_frames(
-                    gop,
-                    tau[None],
-                    self._size,
-                    self._size,
-                    threads=settings.threads,
-                    device=self._field.device,
-                )[0],
-                frame,
+        frames, settings = self._task.frames, self._task.settings
+        if self._behind is not None:
+            gop = together(gop, self._behind.gop)
+        values: list[float] = []
+        for begin in range(0, len(frames), _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            pictures = render_frames(
+                gop,
+                self._taus[part],
+                self._size,
+                self._size,
+                threads=settings.threads,
+                device=self._field.device,
             )
-            for tau, frame in zip(self._taus, self._task.frames, strict=True)
-        )
+            values += map(psnr, pictures, frames[part])
+        return fmean(values)
 
 
 @contextmanager

@@ -23,21 +23,35 @@ _SIGMA_RANGE = (0.6, 20.0)  # px
 #: Largest share of the Gaussians that starts in the first frame, and in the last.
 _HOLE_SHARE = 0.2
 _HOLE_PX = 9
+#: How far around it something that is missing asks for Gaussians; and of the mean, how much every
+#: place does.
+_MISSING_PX, _LEAST_MISSING = 9, 0.05
 #: Sum of weights at which a place needs no more Gaussians; 1.3 is usual.
 _COVERED = 0.6
 _INITIAL_ALPHA = 0.88
 _PLANE_NOISE = 0.0025
 
 
-def density(frames: Frames) -> NDArray[np.float64]:
-    """Where detail is, over all frames: (H, W), sums to 1."""
+def density(frames: Frames, backdrop: Float32Array | None = None) -> NDArray[np.float64]:
+    """Where detail is, over all frames: (H, W), sums to 1.
+
+    In front of a backdrop (H, W, 3) that of what is missing, and some wherever anything is.
+    """
     total = np.zeros(frames.shape[1:3], np.float32)
+    missing = np.zeros(frames.shape[1:3], np.float32)
     for frame in frames:
+        if backdrop is not None:
+            frame = frame - 255 * backdrop
+            missing += np.abs(frame).sum(axis=2)
         dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
         dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
         total += (np.abs(dx) + np.abs(dy)).sum(axis=2)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
-    even = 1.0 / detail.size
+    even: float | NDArray[np.float64] = 1.0 / detail.size
+    if missing.any():
+        even = np.asarray(cv2.boxFilter(missing, -1, (_MISSING_PX, _MISSING_PX)), np.float64)
+        even += _LEAST_MISSING * even.mean()
+        even /= even.sum()
     share = _GRADIENT_SHARE if detail.any() else 0.0
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
 
@@ -73,8 +87,10 @@ class _Start:
         grid: tuple[int, int, int],
         tracker: Tracker | None,
         rng: np.random.Generator,
+        backdrop: Float32Array | None,
     ) -> None:
         self._frames, self._taus, self._gaussians = frames, taus, gaussians
+        self._backdrop = backdrop
         self._tracker, self._rng = tracker, rng
         self._size = frames.shape[2], frames.shape[1]
         gx, gy, gt = grid
@@ -126,7 +142,10 @@ class _Start:
             here = placed.frame == index
             x, y = placed.pixels[here].T
             weight = np.maximum(self.coverage(placed, index)[y, x], 0.3)
-            colour[here] = self._frames[index, y, x] / 255.0 / weight[:, None]
+            wanted = self._frames[index, y, x] / 255.0
+            if self._backdrop is not None:
+                wanted -= self._backdrop[y, x]
+            colour[here] = wanted / weight[:, None]
         return colour
 
     def gop(self, placed: _Placed, colour: Float32Array) -> Gop:
@@ -152,6 +171,7 @@ def content_aware(
     grid: tuple[int, int, int],
     estimate: FlowEstimator | None,
     rng: np.random.Generator,
+    backdrop: Float32Array | None = None,
 ) -> Gop:
     """Start from the middle frame: more and smaller Gaussians where there is more detail.
 
@@ -165,14 +185,15 @@ def content_aware(
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         estimate: flow that the Gaussians' polynomials are fitted to; None = at rest.
         rng: source of the sampling.
+        backdrop: (H, W, 3) what is drawn behind them, 1 is white; None = nothing.
     """
     tracker = None if estimate is None else Tracker(frames, estimate)
-    start = _Start(frames, taus, gaussians, grid, tracker, rng)
-    where = density(frames)
+    start = _Start(frames, taus, gaussians, grid, tracker, rng, backdrop)
+    where = density(frames, backdrop)
     middle = int(np.abs(taus).argmin())
     placed = start.place(middle, where, where, gaussians)
     for index in sorted({0, len(frames) - 1} - {middle}):
-        here = density(frames[index : index + 1])
+        here = density(frames[index : index + 1], backdrop)
         needed = here * start.uncovered(placed, index)
         count = int(gaussians * min(needed.sum(), _HOLE_SHARE))
         if count:

@@ -193,7 +193,7 @@ def optimise(
     height, width = frames.shape[1:3]
     large = min(height, width) >= recipe.coarse_min_side
     coarse = _half(frames) if recipe.coarse and large else frames
-    targets = field.uploaded(coarse)
+    targets, backdrop = _goals(field, coarse, (width, height), threads)
     reorder(field, (width, height))
     adam = Adam(field.raw, recipe, (width, height), threads)
     order = visits(len(frames), rng)
@@ -206,17 +206,25 @@ def optimise(
         index = next(order)
         if coarse is not frames and spent >= recipe.coarse:
             coarse = frames
-            targets = field.uploaded(frames)
+            targets, backdrop = _goals(field, frames, (width, height), threads)
             adam.rearrange(reorder(field, (width, height)))
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
         target, tau = targets[index], float(taus[index])
-        loss = squared_error(tensors, tau, target, (width, height), threads)
+        loss = squared_error(tensors, tau, target, (width, height), threads, backdrop)
         loss.backward()  # type: ignore[no-untyped-call]
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
         adam.step(recipe.decay(spent) * patience)
         effort.advance()
+
+
+def _goals(
+    field: Field, frames: Frames, coded_size: tuple[int, int], threads: int
+) -> tuple[Frames | Tensor, Float32Array | Tensor | None]:
+    """Frames to compare with, and what is drawn behind the field at their size."""
+    size = frames.shape[2], frames.shape[1]
+    return field.uploaded(frames), field.backdrop(size, coded_size, threads)
 
 
 def _half(frames: Frames) -> Frames:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 import numpy as np
 
 from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.scenes import StillShot
 from gsvrcodec.fit.settings import EncodeSettings
 from gsvrcodec.fit.slicing import Step
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS
@@ -37,6 +39,13 @@ _STILL, _SPARSE = 0.22, 2000.0
 _LONGEST_GOPS, _FRAMES_BPP = (32, 128), 3.2
 #: Largest ratio of a GOP's share to the mean, and of the mean to it.
 _MOST_UNEQUAL = 8.0
+#: Bits for each Gaussian of a scene, which has no motion.
+_STILL_BITS_EACH = 48.0
+#: Stored numbers of one Gaussian of a scene.
+_STILL_PARAMETERS = 8
+#: What a scene gets, of what it and its GOPs have together: s / (1 + s), where s = weight x (still
+#: detail / other detail) x GOPs^power, so that the last bit of either buys as much; and the most.
+_SCENE_WEIGHT, _SCENE_POWER, _MOST_SCENE = 0.45, -0.435, 0.75
 #: Payload of a GOP that is hardly more than its tables.
 LEAST_GOP_BYTES = 1500
 _CELL_PX = 20.0
@@ -52,6 +61,14 @@ class Budget:
     target_bytes: int | None = None  #: of its payload
     target_psnr: float | None = None  #: dB, mean of its frames
     grid: Grid | None = None  #: Gx, Gy, Gt of its tri-plane; None = the usual
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What all of a file gets."""
+
+    gops: list[Budget]
+    scenes: list[Budget]  #: of the still shots, in their order
 
 
 def longest_gop(
@@ -90,8 +107,9 @@ def plan(
     seconds: float,
     overhead: int,
     streams: int = 0,
-) -> list[Budget]:
-    """Budgets of all GOPs, before the first is fitted: none depends on what another comes to.
+    stills: Sequence[StillShot] = (),
+) -> Plan:
+    """Budgets of all GOPs and scenes, before the first is fitted: none depends on another's result.
 
     Args:
         gops: Frames of each.
@@ -101,12 +119,14 @@ def plan(
         seconds: Duration of the video.
         overhead: Bytes of the file that are neither payloads of GOPs nor copied streams.
         streams: Bytes of the copied streams; part of `target_size` alone.
+        stills: Shots that get a scene.
 
     Raises:
         UsageError: What is asked for is too little for this video.
     """
     if not settings.has_target:
-        return [Budget(count) for count in allocate(gops, size, settings)]
+        counts = [Budget(count) for count in allocate(gops, size, settings)]
+        return _with_scenes(counts, stills, size, _STILL_PARAMETERS / GAUSSIAN_PARAMETERS)
     shots = [steps[gop.start : gop.stop] for gop in gops]
     sizes: list[int | None] = [None] * len(gops)
     if settings.target_psnr is not None:
@@ -117,11 +137,49 @@ def plan(
         sizes[:] = _shares(shots, total - overhead, option)
         bits = [8.0 * (each or 0) for each in sizes]
     budgets = []
-    for shot, each, most_bytes in zip(shots, bits, sizes, strict=True):
+    for each, most_bytes in zip(bits, sizes, strict=True):
         gaussians = min(max(1, round(each / _BITS_EACH)), most_gaussians(size))
-        grid = _grid(shot, gaussians, size, settings)
-        budgets.append(Budget(gaussians, most_bytes, settings.target_psnr, grid))
-    return budgets
+        budgets.append(Budget(gaussians, most_bytes, settings.target_psnr))
+    result = _with_scenes(budgets, stills, size, _STILL_BITS_EACH / _BITS_EACH)
+    gridded = [
+        replace(budget, grid=_grid(shot, budget.gaussians, size, settings))
+        for shot, budget in zip(shots, result.gops, strict=True)
+    ]
+    return replace(result, gops=gridded)
+
+
+def _with_scenes(
+    budgets: Sequence[Budget], stills: Sequence[StillShot], size: tuple[int, int], price: float
+) -> Plan:
+    """Take from GOPs what their scenes get; a Gaussian of those costs `price` of another."""
+    of_gops, of_scenes = list(budgets), []
+    for shot in stills:
+        own = of_gops[shot.gops.start : shot.gops.stop]
+        part = _scene_part(shot)
+        count = part * sum(budget.gaussians for budget in own) / price
+        gaussians = min(max(1, round(count)), most_gaussians(size))
+        scene_bytes = scene_psnr = None
+        for position, budget in zip(shot.gops, own, strict=True):
+            left = max(1, round((1 - part) * budget.gaussians))
+            if budget.target_bytes is None:
+                of_gops[position] = replace(budget, gaussians=left)
+                continue
+            given = int(part * (budget.target_bytes - LEAST_GOP_BYTES))
+            scene_bytes = given + (scene_bytes or 0)
+            least = budget.target_bytes - given
+            of_gops[position] = replace(budget, gaussians=left, target_bytes=least)
+        if own[0].target_psnr is not None:
+            # What all GOPs share is worth more quality.
+            scene_psnr = own[0].target_psnr - 10 * _SCENE_POWER * math.log10(len(own)) + 1.0
+        of_scenes.append(Budget(gaussians, scene_bytes, scene_psnr))
+    return Plan(of_gops, of_scenes)
+
+
+def _scene_part(shot: StillShot) -> float:
+    """What a scene gets of what it and its GOPs have together."""
+    ratio = _SCENE_WEIGHT * shot.share / max(1 - shot.share, 1e-3)
+    ratio *= math.pow(len(shot.gops), _SCENE_POWER)
+    return min(ratio / (1 + ratio), _MOST_SCENE)
 
 
 def _wanted(

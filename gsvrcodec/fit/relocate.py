@@ -55,7 +55,7 @@ def relocate(
     weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
     shown = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(np.intp))
     pictures = render_frames(
-        gop, taus[shown], size, coded_size, threads=threads, device=field.device
+        field.drawn(), taus[shown], size, coded_size, threads=threads, device=field.device
     )
     errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])

@@ -34,6 +34,7 @@ def settle(
     deform: Deform = "hybrid",
     device: str = "cpu",
     threads: int = 0,
+    still: Gop | None = None,
 ) -> Gop:
     """Return `stored` with all but the colours rounded, and colours that make up for it.
 
@@ -52,10 +53,12 @@ def settle(
         deform: the deformation field.
         device: what renders.
         threads: native threads.
+        still: what is drawn behind it.
     """
     size = frames.shape[2], frames.shape[1]
-    field = Field(stored, deform, device)
+    field = Field(stored, deform, device, still)
     targets, order = field.uploaded(frames), visits(len(frames), rng)
+    backdrop = field.backdrop(size, size, threads)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
     for stage in _STAGES:
         rounded = dequantised(stored, precision)
@@ -63,7 +66,9 @@ def settle(
         adam, effort = Adam(field.raw, recipe, size, threads), Effort(*each)
         while (spent := effort.spent) < 1.0:
             index = next(order)
-            loss = squared_error(field.tensors(), float(taus[index]), targets[index], size, threads)
+            loss = squared_error(
+                field.tensors(), float(taus[index]), targets[index], size, threads, backdrop
+            )
             loss.backward()  # type: ignore[no-untyped-call]
             adam.step(_GENTLE * (1 - spent))
             effort.advance()

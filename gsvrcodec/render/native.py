@@ -41,6 +41,17 @@ def parameters(gop: Gop) -> _core.Parameters:
     return _core.Parameters(*(getattr(gop, name) for name in Gop.__slots__))
 
 
+def render_linear(
+    gop: Gop, size: tuple[int, int], coded_size: tuple[int, int], threads: int = 0
+) -> Float32Array:
+    """The middle of a GOP, (H, W, 3): neither clamped nor rounded."""
+    width, height = size
+    out = np.empty((1, height, width, 3), np.float32)
+    _core.render_float(parameters(gop), np.zeros(1, np.float32), out, *coded_size, threads)
+    picture: Float32Array = out[0]
+    return picture
+
+
 def render_weights(gop: Gop, tau: float, size: tuple[int, int]) -> Float32Array:
     """Sum of red weights at each pixel, (H, W): neither clamped nor rounded."""
     width, height = size

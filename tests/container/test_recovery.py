@@ -74,7 +74,7 @@ class TestRecovery:
 
     def test_a_million_false_starts_are_over_a_limit(self) -> None:
         data = joined(CHUNKS[:2], reindex=False) + b"GOPD" * 1_000_000
-        with pytest.raises(LimitError, match="look like a GOP"):
+        with pytest.raises(LimitError, match="look like a chunk"):
             recovered(data)
 
     def test_a_length_that_overflows_is_damage(self) -> None:

@@ -110,7 +110,7 @@ class TestPlan:
     def budgets(self, *changes: float, **settings: Any) -> list[Budget]:
         gops = ranges([30] * len(changes))
         chosen = EncodeSettings(**settings)
-        return plan(gops, self.steps(*changes), self.SIZE, chosen, seconds=2.0, overhead=1000)
+        return plan(gops, self.steps(*changes), self.SIZE, chosen, seconds=2.0, overhead=1000).gops
 
     @pytest.mark.parametrize(
         ("settings", "total"),
@@ -136,7 +136,7 @@ class TestPlan:
                     seconds=1.0,
                     overhead=1000,
                     streams=streams,
-                )[0].target_bytes
+                ).gops[0].target_bytes
                 for streams in (0, 20_000)
             ]
             assert (sizes[0] or 0) - (sizes[1] or 0) == less
