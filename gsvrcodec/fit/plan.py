@@ -141,9 +141,10 @@ def plan(
         gaussians = min(max(1, round(each / _BITS_EACH)), most_gaussians(size))
         budgets.append(Budget(gaussians, most_bytes, settings.target_psnr))
     result = _with_scenes(budgets, stills, size, _STILL_BITS_EACH / _BITS_EACH)
+    in_front = {position for still in stills for position in still.gops}
     gridded = [
-        replace(budget, grid=_grid(shot, budget.gaussians, size, settings))
-        for shot, budget in zip(shots, result.gops, strict=True)
+        replace(budget, grid=_grid(shot, budget.gaussians, size, settings, in_front=n in in_front))
+        for n, (shot, budget) in enumerate(zip(shots, result.gops, strict=True))
     ]
     return replace(result, gops=gridded)
 
@@ -164,7 +165,7 @@ def _with_scenes(
             if budget.target_bytes is None:
                 of_gops[position] = replace(budget, gaussians=left)
                 continue
-            given = int(part * (budget.target_bytes - LEAST_GOP_BYTES))
+            given = int(part * max(0, budget.target_bytes - 2 * LEAST_GOP_BYTES))
             scene_bytes = given + (scene_bytes or 0)
             least = budget.target_bytes - given
             of_gops[position] = replace(budget, gaussians=left, target_bytes=least)
@@ -210,12 +211,20 @@ def _shares(shots: Sequence[Sequence[Step]], total: float, option: str) -> list[
 
 
 def _grid(
-    shot: Sequence[Step], gaussians: int, size: tuple[int, int], settings: EncodeSettings
+    shot: Sequence[Step],
+    gaussians: int,
+    size: tuple[int, int],
+    settings: EncodeSettings,
+    *,
+    in_front: bool,
 ) -> Grid:
-    """The usual tri-plane, or half as many cells each way where it is dear and moves little."""
+    """The usual tri-plane, or half as many cells each way where it is dear and moves little.
+
+    It is dear to the few Gaussians in front of a scene.
+    """
     gx, gy, gt = triplane_grid(size, len(shot), settings)
     still = fmean(step.motion for step in shot) < _STILL
-    if still and len(shot) * size[0] * size[1] > _SPARSE * gaussians:
+    if in_front or (still and len(shot) * size[0] * size[1] > _SPARSE * gaussians):
         return -(-gx // 2), -(-gy // 2), -(-gt // 2)
     return gx, gy, gt
 

@@ -27,7 +27,8 @@ _LARGEST: Mapping[str, float] = {
     "xt": 0.5,
     "yt": 0.5,
 }
-_SMALLEST = 1e-5
+#: Nor smaller: positions all over a frame have to fit into 16 bits.
+_SMALLEST = 6e-5
 #: Squared 8-bit codes that rounding one parameter may cost over a whole GOP, at factor 1.
 _UNIT = 100.0
 #: Squared error of rounding, in that of the fit, that comes to 0.2 dB after fine-tuning.

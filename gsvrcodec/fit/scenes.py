@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,18 +15,21 @@ from gsvrcodec.errors import InputError
 from gsvrcodec.fit.flow import resize
 from gsvrcodec.fit.slicing import ANALYSIS_HEIGHT, Step
 from gsvrcodec.model.scene import Scene
-from gsvrcodec.video import Rgb, VideoReader
+from gsvrcodec.video import Rgb, SourceFrame, VideoReader
 
-#: Frames of a shot that are looked at, and the most frames that share a scene: light changes.
-_SAMPLES, _LONGEST = 11, 400
+#: Frames of a GOP and of a run that are looked at.
+_GOP_SAMPLES, _MOST_SAMPLES = 4, 16
+#: The most frames that share a scene: light changes.
+_LONGEST = 400
 #: A place stands still if what changes there, in mean square, is less than this share of its
 #: variance, or than so many squared codes.
 _CHANGE_SHARE, _CHANGE_CODES = 0.25, 20.0
 _BOX_PX = 9
 #: How much what moves is blurred in the picture of what does not, px.
 _BLUR_PX = 8.0
-#: Least part of a shot's detail that has to stand still.
-_LEAST_SHARE = 0.35
+#: Least part of the detail that has to stand still, in the run and in each of its GOPs; with less
+#: nothing was gained.
+_LEAST_SHARE = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +45,10 @@ class StillShot:
 def still_shots(
     video: VideoReader, gops: Sequence[range], steps: Sequence[Step]
 ) -> Iterator[StillShot]:
-    """Yield the shots of two GOPs or more, much of which stands still.
+    """Yield runs of two GOPs or more between cuts, much of which stands still.
 
-    Reads the video once, if it has any shot of two GOPs.
+    Reads the video once. A run grows GOP by GOP as long as small pictures stand still; whether it
+    is worth a scene is decided by pictures as they are.
 
     Args:
         video: the source.
@@ -53,40 +58,67 @@ def still_shots(
     Raises:
         InputError: the video has become shorter.
     """
-    shots = iter(video)
-    at, number = 0, 1
-    for run in _runs(gops, steps):
-        first, end = gops[run.start].start, gops[run.stop - 1].stop
-        wanted = np.unique(np.linspace(first, end - 1, _SAMPLES).round().astype(int)).tolist()
-        samples = []
-        for index in wanted:
-            for shot in shots:
-                at += 1
-                if at > index:
-                    samples.append(shot.rgb)
-                    break
-        if len(samples) < len(wanted):
-            raise InputError(f"{video.info.path} became shorter while it was read")
-        # A look at small pictures tells most of those apart that move.
-        if still_picture([resize(sample, ANALYSIS_HEIGHT) for sample in samples])[1] < _LEAST_SHARE:
-            continue
-        picture, share = still_picture(samples)
-        if share >= _LEAST_SHARE:
-            png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
-            yield StillShot(number, run, share, png)
-            number += 1
+    shots, number = iter(video), 1
+    run = _Run(0)
+    for position, gop in enumerate(gops):
+        samples = list(_samples(shots, gop, video.info.path))
+        cut = steps[gop.start].cut or gop.stop - gops[run.start].start > _LONGEST
+        if position and (cut or not run.stands_still_with(samples)):
+            if (still := run.still(number)) is not None:
+                yield still
+                number += 1
+            run = _Run(position)
+        run.add(samples)
+    if (still := run.still(number)) is not None:
+        yield still
 
 
-def _runs(gops: Sequence[range], steps: Sequence[Step]) -> Iterator[range]:
-    """Yield runs of two GOPs or more within one shot, long shots in several runs."""
-    cuts = [n for n, gop in enumerate(gops) if steps[gop.start].cut or n == 0] + [len(gops)]
-    for begin, end in pairwise(cuts):
-        frames = gops[end - 1].stop - gops[begin].start
-        parts = min(-(-frames // _LONGEST), (end - begin) // 2)
-        bounds = np.linspace(begin, end, max(1, parts) + 1).round().astype(int).tolist()
-        for first, last in pairwise(bounds):
-            if last - first > 1:
-                yield range(first, last)
+def _samples(shots: Iterator[SourceFrame], gop: range, path: Path) -> Iterator[Rgb]:
+    """Yield some frames of a GOP, evenly spread, and read to its end."""
+    wanted = set(np.linspace(0, len(gop) - 1, _GOP_SAMPLES).round().astype(int).tolist())
+    found = 0
+    for found, shot in enumerate(islice(shots, len(gop)), 1):
+        if found - 1 in wanted:
+            yield shot.rgb
+    if found < len(gop):
+        raise InputError(f"{path} became shorter while it was read")
+
+
+class _Run:
+    """GOPs that follow each other, and some of their frames."""
+
+    def __init__(self, start: int) -> None:
+        self.start = self._stop = start
+        self._samples: list[Rgb] = []
+        self._small: list[Rgb] = []
+
+    def stands_still_with(self, samples: Sequence[Rgb]) -> bool:
+        """Whether frames after the run are, when small, much like what stands still in it."""
+        added = list(map(_small, samples))
+        median = _median([*self._small, *added])
+        return _share(median, added) >= _LEAST_SHARE
+
+    def add(self, samples: Sequence[Rgb]) -> None:
+        """Take one more GOP."""
+        self._stop += 1
+        self._samples += samples
+        self._small += map(_small, samples)
+        while len(self._samples) > _MOST_SAMPLES:
+            del self._samples[1::2], self._small[1::2]
+
+    def still(self, number: int) -> StillShot | None:
+        """Return the run, if it is worth a scene of this number."""
+        if self._stop - self.start < 2:
+            return None
+        picture, share = still_picture(self._samples)
+        if share < _LEAST_SHARE:
+            return None
+        png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
+        return StillShot(number, range(self.start, self._stop), share, png)
+
+
+def _small(picture: Rgb) -> Rgb:
+    return resize(picture, ANALYSIS_HEIGHT)
 
 
 def still_rgb(png: bytes) -> Rgb:
@@ -104,25 +136,40 @@ def still_picture(samples: Sequence[Rgb]) -> tuple[Rgb, float]:
     Args:
         samples: (H, W, 3) frames of one shot.
     """
-    median = np.median(np.stack(samples), axis=0).astype(np.uint8)
-    rests = at_rest(median, samples)
+    median = _median(samples)
     blurred = cv2.GaussianBlur(median, (0, 0), _BLUR_PX)
-    picture = np.where(rests[..., None], median, blurred)
-    whole = sum(float(_detail(sample).sum()) for sample in samples) / len(samples)
-    share = float(_detail(median)[rests].sum()) / max(whole, 1e-9)
-    return picture, min(share, 1.0)
+    picture = np.where(at_rest(median, samples)[..., None], median, blurred)
+    return picture, _share(median, samples)
 
 
 def at_rest(picture: Rgb, frames: Sequence[Rgb] | NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return where frames look like a picture, (H, W)."""
+    change = _change(picture, frames)
+    rests: NDArray[np.bool_] = (change < _CHANGE_CODES) | _outlasts(picture, change)
+    return rests
+
+
+def _share(picture: Rgb, frames: Sequence[Rgb]) -> float:
+    """Of the detail of frames, that of a picture where it outlasts what changes."""
+    whole = sum(float(_detail(frame).sum()) for frame in frames) / len(frames)
+    lasting = _detail(picture)[_outlasts(picture, _change(picture, frames))]
+    return min(1.0, float(lasting.sum()) / max(whole, 1e-9))
+
+
+def _change(picture: Rgb, frames: Sequence[Rgb] | NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Mean square of what frames have otherwise than a picture, around each pixel, (H, W)."""
     change = np.zeros(picture.shape[:2], np.float32)
     for frame in frames:
         change += np.square(cv2.absdiff(frame, picture).astype(np.float32)).mean(axis=2)
+    return _blurred(change / np.float32(len(frames)))
+
+
+def _outlasts(picture: Rgb, change: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return where a picture has far more detail than changes, (H, W)."""
     values = picture.astype(np.float32)
     variance = (_blurred(np.square(values)) - np.square(_blurred(values))).mean(axis=2)
-    allowed = np.maximum(_CHANGE_SHARE * variance, _CHANGE_CODES)
-    rests: NDArray[np.bool_] = _blurred(change / np.float32(len(frames))) < allowed
-    return rests
+    lasting: NDArray[np.bool_] = change < _CHANGE_SHARE * variance
+    return lasting
 
 
 def shown_of(scene: Scene, picture: Rgb, frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -132,6 +179,10 @@ def shown_of(scene: Scene, picture: Rgb, frames: NDArray[np.uint8]) -> NDArray[n
     x, y = np.floor((scene.gop.position + 1) / 2 * (width, height)).astype(np.intp).T
     shown: NDArray[np.bool_] = rests[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
     return shown
+
+
+def _median(samples: Sequence[Rgb]) -> Rgb:
+    return np.asarray(np.median(np.stack(samples), axis=0), np.uint8)
 
 
 def _blurred(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -136,7 +136,9 @@ class TestPlan:
                     seconds=1.0,
                     overhead=1000,
                     streams=streams,
-                ).gops[0].target_bytes
+                )
+                .gops[0]
+                .target_bytes
                 for streams in (0, 20_000)
             ]
             assert (sizes[0] or 0) - (sizes[1] or 0) == less
