@@ -116,9 +116,9 @@ def encode(
             streams=extras.streams_bytes,
             stills=stills,
         )
-        meter = Meter(gops, len(stills), parts, began, progress)
+        meter = Meter(gops, len(planned.scenes), parts, began, progress)
         meter.report()
-        scenes = fit_scenes(stills, planned.scenes, gops, chosen, parts, meter.report)
+        scenes = fit_scenes(planned.scenes, gops, chosen, parts, meter.report)
         missing = [gop for gop in gops if gop not in parts]
         workers, threads = processes_for(missing, size, chosen)
         waiting = tasks(video, gops, planned.gops, chosen, missing, workers, began, scenes)
@@ -130,7 +130,7 @@ def encode(
             with path.open("w+b") as file:
                 writer = _begin(file, video.info, chosen, extras)
                 for position, gop in enumerate(gops):
-                    if any(shot.gops.start == position for shot in stills):
+                    if any(shot.gops.start == position for shot, _ in planned.scenes):
                         writer.add_scene(scenes[gop].payload)
                     writer.add_gop(parts.payload(gop))
                 for stream in extras.streams:
@@ -145,7 +145,7 @@ def encode(
         path=Path(dst),
         frames=frames,
         gops=len(gops),
-        scenes=len(stills),
+        scenes=len(planned.scenes),
         gaussians=writer.gaussians,
         bytes=writer.size,
         bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),

@@ -37,8 +37,7 @@ class FittedScene:
 
 
 def fit_scenes(
-    stills: Sequence[StillShot],
-    budgets: Sequence[Budget],
+    scenes: Sequence[tuple[StillShot, Budget]],
     gops: Sequence[range],
     settings: EncodeSettings,
     parts: Parts,
@@ -47,20 +46,19 @@ def fit_scenes(
     """Fit the scenes that are not in `parts`, one after another, and return that of each GOP.
 
     Args:
-        stills: the shots that get a scene.
-        budgets: of each.
+        scenes: shots that get one, and its budget.
         gops: frames of all GOPs.
         settings: of the encode.
         parts: keeps what is finished.
         report: called after each.
     """
     found: dict[range, FittedScene] = {}
-    for shot, budget in zip(stills, budgets, strict=True):
+    for shot, budget in scenes:
         payload = parts.scene(shot.number)
         if payload is None:
-            task = scene_task(shot.number, still_rgb(shot.picture), budget, settings)
+            frames = sum(len(gops[position]) for position in shot.gops)
+            task = scene_task(shot.number, still_rgb(shot.picture), frames, budget, settings)
             if settings.time_budget is not None:
-                frames = sum(len(gops[position]) for position in shot.gops)
                 task = replace(task, seconds=_SCENE_TIME * settings.time_budget * frames)
             payload = encode_gop(task).payload
             parts.add_scene(payload)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gsvrcodec.container.header import Header
 from gsvrcodec.container.reader import GsvrReader
@@ -15,6 +16,7 @@ from gsvrcodec.container.writer import GsvrWriter
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.pack import GopContent, pack_gop, unpack_gop
+from gsvrcodec.model.scene import pack_scene, unpack_scene, with_scene
 from gsvrcodec.planes import PACKS
 
 #: Fixed here, so that test vectors do not change when a profile is tuned.
@@ -68,6 +70,8 @@ def make_payload(
     pack: str = "deflate",
     bits: Mapping[str, int] = BITS,
     seed: int = 0,
+    scene: int = 0,
+    shown: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """The payload of a GOP of 40-tick frames."""
     pts = start_pts + 40 * np.arange(frames, dtype=np.int64)
@@ -78,7 +82,14 @@ def make_payload(
         first_frame,
         bits,
         PACKS[pack],
+        scene=scene,
+        shown=shown,
     )
+
+
+def make_scene(number: int, gaussians: int, *, seed: int = 9) -> bytes:
+    """The payload of a scene."""
+    return pack_scene(number, make_gop(gaussians, (0, 0, 0), seed), BITS, PACKS["entropy"])
 
 
 def make_payloads(count: int, frames: int = 3, gaussians: int = 5) -> list[bytes]:
@@ -99,11 +110,14 @@ def make_file(
     payloads: list[bytes],
     header: Header = HEADER,
     auxiliary: tuple[tuple[bytes, bytes], ...] = (),
+    scenes: Mapping[int, bytes] | None = None,
 ) -> bytes:
-    """A whole file, auxiliary chunks after the GOPs."""
+    """A whole file, auxiliary chunks after the GOPs, scenes before those with these positions."""
     file = io.BytesIO()
     with GsvrWriter(file, header) as writer:
-        for payload in payloads:
+        for position, payload in enumerate(payloads):
+            if scenes and position in scenes:
+                writer.add_scene(scenes[position])
             writer.add_gop(payload)
         for kind, data in auxiliary:
             writer.add_auxiliary(kind, data)
@@ -115,10 +129,16 @@ def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
     limits = limits or Limits()
     with GsvrReader(io.BytesIO(data), limits) as reader:
         reader.settings()
-        return [
+        contents = [
             unpack_gop(reader.read_gop(position), reader.header, limits)
             for position in range(len(reader.gops))
         ]
+        for number, content in enumerate(contents):
+            if content.shown is not None:
+                scene = unpack_scene(reader.read_scene(content.scene), limits)
+                gop = with_scene(content.gop, scene, content.shown)
+                contents[number] = replace(content, gop=gop)
+        return contents
 
 
 def assert_gops_equal(left: Gop, right: Gop) -> None:

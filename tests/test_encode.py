@@ -128,13 +128,14 @@ class TestProgress:
     def test_is_called_before_the_first_gop_and_after_each(self, tmp_path: Path) -> None:
         calls: list[Progress] = []
         result = quick(making.NOISE, tmp_path / "a.gsvr", gop=8, progress=calls.append)
-        assert [(call.gop, call.gops) for call in calls] == [(0, 3), (1, 3), (2, 3), (3, 3)]
-        assert [call.frames_done for call in calls] == [0, 8, 16, 20]
+        assert [(call.gop, call.gops) for call in calls] == [(n, 3) for n in (0, 0, 1, 2, 3)]
+        assert [(call.scene, call.scenes) for call in calls] == [(n, 1) for n in (0, 1, 1, 1, 1)]
+        assert [call.frames_done for call in calls] == [0, 0, 8, 16, 20]
         assert {call.frames for call in calls} == {20}
         assert calls[0].psnr is calls[0].seconds_per_frame is calls[0].eta_seconds is None
         assert calls[-1].psnr == pytest.approx(result.psnr)
         assert calls[-1].eta_seconds == 0
-        assert all(call.seconds_per_frame for call in calls[1:])
+        assert all(call.seconds_per_frame for call in calls[2:])
 
     def test_an_interrupted_encode_leaves_its_parts(self, tmp_path: Path) -> None:
         def interrupt(state: Progress) -> None:

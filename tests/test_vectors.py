@@ -14,8 +14,10 @@ from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.container.header import HEADER_BYTES
 from gsvrcodec.container.index import END_BYTES, ENTRY_BYTES
 from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.container.scene_head import SCENE_HEAD_BYTES
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
+from gsvrcodec.model.plane_table import PLANE_ENTRY_BYTES
 from tests.gops import decode_all
 from tests.vectors import make
 
@@ -90,8 +92,8 @@ class TestSpec:
                 assert int(offset) == end
                 end += sizes[kind]
             ends.append(end)
-        # Chunk, header, GOP head, plane entry, index entry, end chunk.
-        assert ends == [OVERHEAD_BYTES, HEADER_BYTES, GOP_HEAD_BYTES, 20, ENTRY_BYTES, END_BYTES]
+        heads = [OVERHEAD_BYTES, HEADER_BYTES, GOP_HEAD_BYTES]
+        assert ends == [*heads, PLANE_ENTRY_BYTES, SCENE_HEAD_BYTES, ENTRY_BYTES, END_BYTES]
 
     def test_names_every_limit_with_its_default(self) -> None:
         table = re.findall(r"\| ([^|]+?) \| (GSVR_LIMIT_\w+) \|$", SPEC.read_text(), re.M)

@@ -35,7 +35,10 @@ _GROUPS = {
     "Part of the film": ("crop", "start_frame", "frames", "start_seconds", "stop_seconds"),
     "Sound and subtitles": ("audio", "subtitles"),
     "Output": ("overwrite", "resume", "verify", "stats", "progress", "quiet"),
-    "Model": (*("gop", "gop_min", "gop_max", "profile", "deform", "flow", "qat", "pack", "seed"),),
+    "Model": (
+        *("gop", "gop_min", "gop_max", "scenes", "profile"),
+        *("deform", "flow", "qat", "pack", "seed"),
+    ),
     "General": ("version", "help"),
 }
 
@@ -168,6 +171,11 @@ def main(args: Sequence[str] | None = None) -> int:
     default=_DEFAULTS.gop_max,
     metavar="N",
     help="Longest adaptive GOP, frames; by default 32, and up to 128 for small files.",
+)
+@click.option(
+    "--scenes/--no-scenes",
+    default=_DEFAULTS.scenes,
+    help="Store what stands still from GOP to GOP once.",
 )
 @click.option(
     "--profile",

@@ -86,6 +86,11 @@ class GopTask:
         """Steps of the fit, if it does not go by time."""
         return FRAME_VISITS[self.settings.preset] * len(self.frames)
 
+    @property
+    def repeats(self) -> int:
+        """How many frames show what each of these does."""
+        return 1
+
     def pack(self, gop: Gop, precision: Precision, pack: Pack, shown: Shown | None) -> bytes:
         """The payload of what was fitted, and what it shows of the scene."""
         return pack_gop(
@@ -105,6 +110,12 @@ class SceneTask(GopTask):
     """A scene to be fitted as if it were a GOP: its frames are one picture."""
 
     number: int = 1  #: by which GOPs name it
+    shown: int = 1  #: frames of all these GOPs
+
+    @property
+    def repeats(self) -> int:
+        """How many frames show what each of these does."""
+        return self.shown
 
     @property
     def steps(self) -> int:
@@ -117,9 +128,9 @@ class SceneTask(GopTask):
 
 
 def scene_task(
-    number: int, picture: NDArray[np.uint8], budget: Budget, settings: EncodeSettings
+    number: int, picture: NDArray[np.uint8], shown: int, budget: Budget, settings: EncodeSettings
 ) -> SceneTask:
-    """Return what to fit to a picture (H, W, 3) that GOPs will share."""
+    """Return what to fit to a picture (H, W, 3) that GOPs of so many frames will share."""
     return SceneTask(
         frames=picture[None],
         pts=np.zeros(1, np.int64),
@@ -128,6 +139,7 @@ def scene_task(
         settings=replace(settings, deform="polynomial"),
         seconds=None,
         number=number,
+        shown=shown,
         **asdict(budget),
     )
 
@@ -273,7 +285,9 @@ class _Fitted:
         """What is stored of the fit, and the precision that meets the target."""
         task = self._task
         rng = np.random.default_rng([task.settings.seed, task.first_frame])
-        changes = sensitivity(gop, self._taus, self._size, rng, task.settings.threads)
+        changes = sensitivity(
+            gop, self._taus, self._size, rng, task.settings.threads, repeats=task.repeats
+        )
         pack = task.settings.pack
         quick: Pack = "entropy" if pack == "auto" else pack
 
@@ -286,7 +300,7 @@ class _Fitted:
         def quality(factor: float) -> float:
             return self._quality(dequantised(*stored(factor)))
 
-        factor = usual_factor(task.frames[..., 0].size, self.gaussians, float_psnr)
+        factor = usual_factor(task.repeats * task.frames[..., 0].size, self.gaussians, float_psnr)
         if task.target_bytes is not None:
             wanted = round((1 - _SIZE_ROOM) * task.target_bytes)
             factor = find_factor(size, Target.of_size(wanted), factor)

@@ -68,7 +68,7 @@ class Plan:
     """What all of a file gets."""
 
     gops: list[Budget]
-    scenes: list[Budget]  #: of the still shots, in their order
+    scenes: list[tuple[StillShot, Budget]]  #: in the order of the film
 
 
 def longest_gop(
@@ -156,24 +156,37 @@ def _with_scenes(
     of_gops, of_scenes = list(budgets), []
     for shot in stills:
         own = of_gops[shot.gops.start : shot.gops.stop]
-        part = _scene_part(shot)
-        count = part * sum(budget.gaussians for budget in own) / price
-        gaussians = min(max(1, round(count)), most_gaussians(size))
-        scene_bytes = scene_psnr = None
-        for position, budget in zip(shot.gops, own, strict=True):
-            left = max(1, round((1 - part) * budget.gaussians))
-            if budget.target_bytes is None:
-                of_gops[position] = replace(budget, gaussians=left)
-                continue
-            given = int(part * max(0, budget.target_bytes - 2 * LEAST_GOP_BYTES))
-            scene_bytes = given + (scene_bytes or 0)
-            least = budget.target_bytes - given
-            of_gops[position] = replace(budget, gaussians=left, target_bytes=least)
-        if own[0].target_psnr is not None:
-            # What all GOPs share is worth more quality.
-            scene_psnr = own[0].target_psnr - 10 * _SCENE_POWER * math.log10(len(own)) + 1.0
-        of_scenes.append(Budget(gaussians, scene_bytes, scene_psnr))
+        shares = [_scene_part(shot) * _free_part(budget) for budget in own]
+        taken = [
+            int(share * (budget.target_bytes or 0))
+            for share, budget in zip(shares, own, strict=True)
+        ]
+        count = sum(share * budget.gaussians for share, budget in zip(shares, own, strict=True))
+        gaussians = min(round(count / price), most_gaussians(size))
+        sized = own[0].target_bytes is not None
+        if not gaussians or (sized and sum(taken) < LEAST_GOP_BYTES):
+            continue
+        for position, share, less in zip(shot.gops, shares, taken, strict=True):
+            budget = of_gops[position]
+            left = max(1, round((1 - share) * budget.gaussians))
+            of_gops[position] = replace(
+                budget,
+                gaussians=left,
+                target_bytes=None if budget.target_bytes is None else budget.target_bytes - less,
+            )
+        quality = own[0].target_psnr
+        if quality is not None:
+            # What all GOPs share is worth more.
+            quality += 1.0 - 10 * _SCENE_POWER * math.log10(len(own))
+        of_scenes.append((shot, Budget(gaussians, sum(taken) if sized else None, quality)))
     return Plan(of_gops, of_scenes)
+
+
+def _free_part(budget: Budget) -> float:
+    """What a GOP can give away: not what it needs for its tables."""
+    if budget.target_bytes is None:
+        return 1.0
+    return max(0.0, 1 - 2 * LEAST_GOP_BYTES / budget.target_bytes)
 
 
 def _scene_part(shot: StillShot) -> float:

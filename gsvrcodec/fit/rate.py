@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 #: Factors between which a target is sought.
-FINEST, COARSEST = 0.02, 16.0
+FINEST, COARSEST = 0.1, 16.0
 #: What a size may fall short by, and how far a quality may be missed (dB).
 _SIZE_TOLERANCE = 0.004
 _PSNR_TOLERANCE = 0.02

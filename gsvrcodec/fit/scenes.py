@@ -113,12 +113,16 @@ class _Run:
         picture, share = still_picture(self._samples)
         if share < _LEAST_SHARE:
             return None
-        png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
-        return StillShot(number, range(self.start, self._stop), share, png)
+        return StillShot(number, range(self.start, self._stop), share, still_png(picture))
 
 
 def _small(picture: Rgb) -> Rgb:
     return resize(picture, ANALYSIS_HEIGHT)
+
+
+def still_png(picture: Rgb) -> bytes:
+    """Return a picture (H, W, 3) as a PNG file."""
+    return cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
 
 
 def still_rgb(png: bytes) -> Rgb:

@@ -23,6 +23,8 @@ def sensitivity(
     size: tuple[int, int],
     rng: np.random.Generator,
     threads: int = 0,
+    *,
+    repeats: int = 1,
 ) -> Gop:
     """Squared error that a change of each parameter by one makes, over all pixels and frames.
 
@@ -35,6 +37,7 @@ def sensitivity(
         size: Width and height of the frames, pixels.
         rng: Source of the noise.
         threads: Native threads.
+        repeats: How often each frame is shown.
 
     Returns:
         In place of each parameter its sum, squared 8-bit codes (mean of the channels).
@@ -43,7 +46,7 @@ def sensitivity(
     total = {f.name: np.zeros_like(getattr(gop, f.name)) for f in fields(Gop)}
     shown = np.unique(np.linspace(0, len(taus) - 1, _FRAMES).round().astype(np.intp))
     gradient = Gop(**{name: np.empty_like(sums) for name, sums in total.items()})
-    scale = np.float32(_CODES * len(taus) / len(shown))
+    scale = np.float32(_CODES * repeats * len(taus) / len(shown))
     for tau in taus[shown]:
         _core.backward_float(
             parameters(gop),

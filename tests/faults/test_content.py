@@ -14,6 +14,7 @@ from gsvrcodec.container.chunk import (
     GOP_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
+    SCENE_TYPE,
     SIGNATURE,
     chunk_bytes,
 )
@@ -23,8 +24,9 @@ from gsvrcodec.errors import (
     LimitError,
     UnsupportedError,
 )
+from gsvrcodec.model.gop import Gop
 from tests.faults.small import FILE, FIRST, HEAD, opened
-from tests.gops import HEADER, decode_all, make_file, make_payload
+from tests.gops import HEADER, decode_all, make_file, make_payload, make_scene
 from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, with_plane
 
 
@@ -181,6 +183,49 @@ class TestBombs:
         self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
 
 
+class TestScenes:
+    """What a GOP may claim of a scene."""
+
+    FILE = make_file(
+        [make_payload(6, scene=3, shown=np.arange(40) % 2 == 0)], scenes={0: make_scene(3, 40)}
+    )
+
+    def test_the_file_is_valid(self) -> None:
+        (content,) = decode_all(self.FILE)
+        assert len(content.gop) == 6 + 20
+        assert (content.gop.alpha[6:] == 1).all()
+
+    @pytest.mark.parametrize(
+        ("offset", "value", "says"),
+        [
+            (48, 2, "scene 2 is lost"),
+            (48, 0, "scene 0 of 40 Gaussians"),
+            (52, 0, "scene 3 of 0 Gaussians"),
+            (52, 39, "expected 7x6|has 40 Gaussians, the GOP expects 39"),
+            (52, 2**32 - 1, "the header's maximum is 46"),
+        ],
+    )
+    def test_a_gop_that_lies_of_its_scene(self, offset: int, value: int, says: str) -> None:
+        with pytest.raises(CorruptError, match=says):
+            decode_all(patched(self.FILE, GOP_TYPE, offset, "I", value))
+
+    def test_a_scene_beyond_reason(self) -> None:
+        data = patched(self.FILE, SCENE_TYPE, 4, "I", 2**32 - 1)
+        with pytest.raises(LimitError, match="GSVR_LIMIT_GAUSSIANS"):
+            decode_all(data)
+
+    def test_every_changed_byte_of_a_scene_is_refused_or_stays_finite(self) -> None:
+        scene = make_scene(3, 40)
+        for at in range(len(scene)):
+            for value in (0, 0xFF, scene[at] ^ 1):
+                try:
+                    (content,) = decode_all(patched(self.FILE, SCENE_TYPE, at, "B", value))
+                except GsvrError:
+                    continue
+                for name in Gop.__slots__:
+                    assert np.isfinite(getattr(content.gop, name)).all()
+
+
 class TestVersions:
     """Fault 18."""
 
@@ -189,18 +234,19 @@ class TestVersions:
 
     @pytest.mark.parametrize("major", [1, 2, 65535])
     def test_another_major_version_is_unsupported(self, major: int) -> None:
-        with pytest.raises(UnsupportedError, match=rf"version {major}\.3, this decoder reads 0\.x"):
+        with pytest.raises(UnsupportedError, match=rf"version {major}\.4, this decoder reads 0\.x"):
             opened(patched(FILE, HEAD_TYPE, 0, "H", major))
 
-    @pytest.mark.parametrize("bit", [1, 31])
+    @pytest.mark.parametrize("bit", [2, 31])
     def test_flags(self, bit: int) -> None:
         assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
         with pytest.raises(UnsupportedError, match="features this decoder does not know"):
-            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 1))
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 3))
 
-    def test_a_file_without_levels_is_unsupported(self) -> None:
-        with pytest.raises(UnsupportedError, match=r"drawn without levels.*encode the video anew"):
-            opened(patched(FILE, HEAD_TYPE, 4, "I", 0))
+    @pytest.mark.parametrize("flags", [0, 1, 2])
+    def test_a_file_without_levels_or_scenes_is_unsupported(self, flags: int) -> None:
+        with pytest.raises(UnsupportedError, match=r"reads 0\.4 and later: encode the video anew"):
+            opened(patched(FILE, HEAD_TYPE, 4, "I", flags))
 
     @pytest.mark.parametrize("reindex", [False, True])
     def test_unknown_chunks(self, reindex: bool) -> None:

@@ -16,7 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gsvrcodec.container.chunk import END_TYPE, GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE
+from gsvrcodec.container.chunk import (
+    END_TYPE,
+    GOP_TYPE,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    SCENE_TYPE,
+    SIGNATURE,
+)
 from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.container.header import ColourInfo, Header
 from gsvrcodec.container.reader import GsvrReader
@@ -24,8 +31,18 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pack import pack_gop, unpack_gop
+from gsvrcodec.model.scene import unpack_scene, with_scene
 from gsvrcodec.planes import PACKS
-from tests.gops import BITS, HEADER, SIXTEEN_BITS, make_file, make_gop, make_payload, make_payloads
+from tests.gops import (
+    BITS,
+    HEADER,
+    SIXTEEN_BITS,
+    make_file,
+    make_gop,
+    make_payload,
+    make_payloads,
+    make_scene,
+)
 from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, pieces, with_plane
 
 HERE = Path(__file__).parent
@@ -105,6 +122,19 @@ def older_minor() -> bytes:
     return edited(make_file([make_payload(30, (4, 3, 2))]), HEAD_TYPE, age)
 
 
+def scenes() -> bytes:
+    """Two scenes; the first is shown in part by one GOP and whole by another, a third has none."""
+    return make_file(
+        [
+            make_payload(20, (3, 2, 2), scene=1, shown=np.arange(30) % 3 > 0),
+            make_payload(0, first_frame=3, start_pts=120, scene=1, shown=np.ones(30, np.bool_)),
+            make_payload(8, first_frame=6, start_pts=240),
+            make_payload(8, first_frame=9, start_pts=360, scene=7, shown=np.arange(5) == 2),
+        ],
+        scenes={0: make_scene(1, 30), 2: make_scene(7, 5)},
+    )
+
+
 def valid_vectors() -> Iterator[tuple[str, bytes]]:
     """Names and bytes of all files that every decoder must read."""
     yield "minimal", minimal()
@@ -116,6 +146,7 @@ def valid_vectors() -> Iterator[tuple[str, bytes]]:
     for pack in ("deflate", "png", "jxl", "entropy", "auto"):
         yield pack, make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
     yield "entropy-strips", make_file([make_payload(400, pack="entropy", seed=2)])
+    yield "scenes", scenes()
     for name, pack in (("sixteen-bits", "jxl"), ("sixteen-bits-entropy", "entropy")):
         yield name, make_file([make_payload(30, (4, 3, 2), pack=pack, bits=SIXTEEN_BITS)])
 
@@ -161,9 +192,9 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
     yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
-    yield header("major-version", 0, "H", 1, code=4, says="version 1.3")
-    yield header("required-flag", 4, "I", 1 << 31 | 1, code=4, says="flags 0x80000000")
-    yield header("no-levels", 4, "I", 0, code=4, says="drawn without levels")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.4")
+    yield header("required-flag", 4, "I", 1 << 31 | 3, code=4, says="flags 0x80000000")
+    yield header("no-scenes-flag", 4, "I", 1, code=4, says="reads 0.4 and later")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
     yield header("zero-aspect", 24, "I", 0, code=3, says="aspect ratio 1/0")
@@ -210,7 +241,25 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("context-no-token", bytes.fromhex("0000240000000100 0000"), "none of", codec=4)
     yield plane("ranges-too-high", b"\x00\xff\xff\x03\x00\x00\x01\x00", "out of range", codec=5)
     yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
+    yield from _scene_faults()
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
+
+
+def _scene_faults() -> Iterator[Fault]:
+    head, scene, first, second = pieces(scenes())[:4]
+    yield Fault("scene-lost", joined([head, first, second]), 3, "scene 1 is lost")
+    yield Fault("scene-of-none", _in_scene(4, 0), 3, "scene 1 is lost")
+    yield Fault("scene-planes", _in_scene(8, 7), 3, "7 planes, expected 8")
+    other = joined([head, Piece(SCENE_TYPE, make_scene(1, 31)), first])
+    yield Fault("scene-of-others", other, 3, "scene 1 has 31 Gaussians, the GOP expects 30")
+    half = edited(scenes(), GOP_TYPE, lambda payload: payload.__setitem__(slice(52, 56), bytes(4)))
+    yield Fault("scene-without-gaussians", half, 3, "scene 1 of 0 Gaussians")
+    cut = joined([head, Piece(SCENE_TYPE, scene.payload[:8]), first])
+    yield Fault("scene-cut", cut, 3, "scene 1 is lost")
+
+
+def _in_scene(offset: int, value: int) -> bytes:
+    return patched(scenes(), SCENE_TYPE, offset, "I", value)
 
 
 def _flip(data: bytes, offset: int) -> bytes:
@@ -226,6 +275,9 @@ def description(data: bytes) -> dict[str, object]:
         gops = []
         for position in range(len(reader.gops)):
             content = unpack_gop(reader.read_gop(position), reader.header, Limits())
+            if content.shown is not None:
+                scene = unpack_scene(reader.read_scene(content.scene), Limits())
+                content = replace(content, gop=with_scene(content.gop, scene, content.shown))
             values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
             gops.append(
                 {
@@ -273,7 +325,7 @@ def hex_dump(data: bytes) -> str:
     chunk(
         "HEAD",
         [
-            (4, "version 0.3"),
+            (4, "version 0.4"),
             (8, "flags"),
             (8, "size 16x8"),
             (8, "sample aspect 1/1"),
@@ -287,13 +339,13 @@ def hex_dump(data: bytes) -> str:
         ],
     )
     timing = [(3, "timing: 1 frame, step 1, duration 1")]
-    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes")]
+    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes"), (8, "no scene")]
     table = [(20, f"plane {name}") for name in names]
     planes = [(2, f"samples of {name}") for name in names]
     chunk("GOPD", [*summary, *shape, *timing, *table, *planes])
     gop_size = GOP_HEAD_BYTES + 3 + 22 * len(names)
     chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
-    chunk("fend", [(8, "index at byte 455"), (8, f"file of {len(data)} bytes")])
+    chunk("fend", [(8, "index at byte 463"), (8, f"file of {len(data)} bytes")])
     lines = []
     offset = 0
     for length, what in parts:
