@@ -141,7 +141,7 @@ def plan(
         gaussians = min(max(1, round(each / _BITS_EACH)), most_gaussians(size))
         budgets.append(Budget(gaussians, most_bytes, settings.target_psnr))
     result = _with_scenes(budgets, stills, size, _STILL_BITS_EACH / _BITS_EACH)
-    in_front = {position for still in stills for position in still.gops}
+    in_front = {position for shot, _ in result.scenes for position in shot.gops}
     gridded = [
         replace(budget, grid=_grid(shot, budget.gaussians, size, settings, in_front=n in in_front))
         for n, (shot, budget) in enumerate(zip(shots, result.gops, strict=True))
