@@ -58,7 +58,8 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file as a .gsvr file.
 
-    The source is read twice, frame by frame: once for its motion, once to be fitted. `dst`
+    The source is read three times, frame by frame: for its motion, for what stands still, and to be
+    fitted. `dst`
     appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
@@ -103,7 +104,8 @@ def encode(
             raise NotAVideoError(f"{src} has no video frames")
         span = _span(shown, video.info.time_base, chosen)
         extras = read_extras(path, chosen.copied_kinds, span)
-        stills = list(still_shots(video, gops, steps)) if chosen.may_have_scenes else []
+        pictures = (shot.rgb for shot in video)
+        stills = list(still_shots(pictures, gops, steps)) if chosen.may_have_scenes else []
         empty = _begin(io.BytesIO(), video.info, chosen, extras)
         overhead = empty.final_size(len(gops) + len(stills), 0)
         planned = plan(

@@ -55,7 +55,7 @@ ALLOWED: dict[str, set[str]] = {
     "results": {"parts"},
     "versions": {"container", "native", "video"},
     "workers": {"errors", "fit", "native"},
-    "tasks": {"errors", "fit", "video", "workers", "numpy"},
+    "tasks": {"errors", "limits", "model", "fit", "parts", "video", "workers", "numpy"},
     "verify": {"errors", "metrics", "video", "decode", "numpy"},
     "encode": {
         "errors",

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.errors import InputError
-from gsvrcodec.fit.flow import resize
+from gsvrcodec.fit.flow import Image, resize
 from gsvrcodec.fit.slicing import ANALYSIS_HEIGHT, Step
 from gsvrcodec.model.scene import Scene
-from gsvrcodec.video import Rgb, SourceFrame, VideoReader
 
 #: Frames of a GOP and of a run that are looked at.
 _GOP_SAMPLES, _MOST_SAMPLES = 4, 16
@@ -43,25 +41,27 @@ class StillShot:
 
 
 def still_shots(
-    video: VideoReader, gops: Sequence[range], steps: Sequence[Step]
+    frames: Iterable[Image], gops: Sequence[range], steps: Sequence[Step]
 ) -> Iterator[StillShot]:
     """Yield runs of two GOPs or more between cuts, much of which stands still.
 
-    Reads the video once. A run grows GOP by GOP as long as small pictures stand still; whether it
-    is worth a scene is decided by pictures as they are.
+    A run grows GOP by GOP as long as small pictures stand still; whether it is worth a scene is
+    decided by pictures as they are. No frame is asked for if no two GOPs belong to one shot.
 
     Args:
-        video: the source.
+        frames: (H, W, 3) uint8, read one at a time.
         gops: frames of each.
         steps: every frame as `analyse` measured it.
 
     Raises:
-        InputError: the video has become shorter.
+        InputError: there are fewer frames.
     """
-    shots, number = iter(video), 1
+    if all(steps[gop.start].cut for gop in gops[1:]):
+        return
+    pictures, number = iter(frames), 1
     run = _Run(0)
     for position, gop in enumerate(gops):
-        samples = list(_samples(shots, gop, video.info.path))
+        samples = list(_samples(pictures, gop))
         cut = steps[gop.start].cut or gop.stop - gops[run.start].start > _LONGEST
         if position and (cut or not run.stands_still_with(samples)):
             if (still := run.still(number)) is not None:
@@ -73,15 +73,15 @@ def still_shots(
         yield still
 
 
-def _samples(shots: Iterator[SourceFrame], gop: range, path: Path) -> Iterator[Rgb]:
+def _samples(frames: Iterator[Image], gop: range) -> Iterator[Image]:
     """Yield some frames of a GOP, evenly spread, and read to its end."""
     wanted = set(np.linspace(0, len(gop) - 1, _GOP_SAMPLES).round().astype(int).tolist())
     found = 0
-    for found, shot in enumerate(islice(shots, len(gop)), 1):
+    for found, frame in enumerate(islice(frames, len(gop)), 1):
         if found - 1 in wanted:
-            yield shot.rgb
+            yield frame
     if found < len(gop):
-        raise InputError(f"{path} became shorter while it was read")
+        raise InputError("the video became shorter while it was read")
 
 
 class _Run:
@@ -89,16 +89,16 @@ class _Run:
 
     def __init__(self, start: int) -> None:
         self.start = self._stop = start
-        self._samples: list[Rgb] = []
-        self._small: list[Rgb] = []
+        self._samples: list[Image] = []
+        self._small: list[Image] = []
 
-    def stands_still_with(self, samples: Sequence[Rgb]) -> bool:
+    def stands_still_with(self, samples: Sequence[Image]) -> bool:
         """Whether frames after the run are, when small, much like what stands still in it."""
         added = list(map(_small, samples))
         median = _median([*self._small, *added])
         return _share(median, added) >= _LEAST_SHARE
 
-    def add(self, samples: Sequence[Rgb]) -> None:
+    def add(self, samples: Sequence[Image]) -> None:
         """Take one more GOP."""
         self._stop += 1
         self._samples += samples
@@ -116,23 +116,23 @@ class _Run:
         return StillShot(number, range(self.start, self._stop), share, still_png(picture))
 
 
-def _small(picture: Rgb) -> Rgb:
+def _small(picture: Image) -> Image:
     return resize(picture, ANALYSIS_HEIGHT)
 
 
-def still_png(picture: Rgb) -> bytes:
+def still_png(picture: Image) -> bytes:
     """Return a picture (H, W, 3) as a PNG file."""
     return cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
 
 
-def still_rgb(png: bytes) -> Rgb:
+def still_rgb(png: bytes) -> Image:
     """Return the picture in a PNG file of a `StillShot`, (H, W, 3)."""
     bgr = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert bgr is not None
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
 
-def still_picture(samples: Sequence[Rgb]) -> tuple[Rgb, float]:
+def still_picture(samples: Sequence[Image]) -> tuple[Image, float]:
     """Return the picture of what stands still in frames, and its share of all detail.
 
     What moves is blurred in it, so that nothing is spent on it.
@@ -146,21 +146,21 @@ def still_picture(samples: Sequence[Rgb]) -> tuple[Rgb, float]:
     return picture, _share(median, samples)
 
 
-def at_rest(picture: Rgb, frames: Sequence[Rgb] | NDArray[np.uint8]) -> NDArray[np.bool_]:
+def at_rest(picture: Image, frames: Sequence[Image] | NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return where frames look like a picture, (H, W)."""
     change = _change(picture, frames)
     rests: NDArray[np.bool_] = (change < _CHANGE_CODES) | _outlasts(picture, change)
     return rests
 
 
-def _share(picture: Rgb, frames: Sequence[Rgb]) -> float:
+def _share(picture: Image, frames: Sequence[Image]) -> float:
     """Of the detail of frames, that of a picture where it outlasts what changes."""
     whole = sum(float(_detail(frame).sum()) for frame in frames) / len(frames)
     lasting = _detail(picture)[_outlasts(picture, _change(picture, frames))]
     return min(1.0, float(lasting.sum()) / max(whole, 1e-9))
 
 
-def _change(picture: Rgb, frames: Sequence[Rgb] | NDArray[np.uint8]) -> NDArray[np.float32]:
+def _change(picture: Image, frames: Sequence[Image] | NDArray[np.uint8]) -> NDArray[np.float32]:
     """Mean square of what frames have otherwise than a picture, around each pixel, (H, W)."""
     change = np.zeros(picture.shape[:2], np.float32)
     for frame in frames:
@@ -168,7 +168,7 @@ def _change(picture: Rgb, frames: Sequence[Rgb] | NDArray[np.uint8]) -> NDArray[
     return _blurred(change / np.float32(len(frames)))
 
 
-def _outlasts(picture: Rgb, change: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _outlasts(picture: Image, change: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return where a picture has far more detail than changes, (H, W)."""
     values = picture.astype(np.float32)
     variance = (_blurred(np.square(values)) - np.square(_blurred(values))).mean(axis=2)
@@ -176,7 +176,7 @@ def _outlasts(picture: Rgb, change: NDArray[np.float32]) -> NDArray[np.bool_]:
     return lasting
 
 
-def shown_of(scene: Scene, picture: Rgb, frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def shown_of(scene: Scene, picture: Image, frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return which Gaussians of a scene the frames (F, H, W, 3) of a GOP show, (N,)."""
     height, width = picture.shape[:2]
     rests = at_rest(picture, frames)
@@ -185,7 +185,7 @@ def shown_of(scene: Scene, picture: Rgb, frames: NDArray[np.uint8]) -> NDArray[n
     return shown
 
 
-def _median(samples: Sequence[Rgb]) -> Rgb:
+def _median(samples: Sequence[Image]) -> Image:
     return np.asarray(np.median(np.stack(samples), axis=0), np.uint8)
 
 
@@ -194,7 +194,7 @@ def _blurred(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return out
 
 
-def _detail(frame: Rgb) -> NDArray[np.float32]:
+def _detail(frame: Image) -> NDArray[np.float32]:
     """Length of the gradient, (H, W), sum of the channels."""
     dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
     dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)

@@ -60,7 +60,7 @@ def shots_of(path: Path, gop: int) -> list[StillShot]:
     with open_video(path) as video:
         steps = list(analyse((frame.rgb for frame in video), flow_estimator("dis")))
         gops = slice_gops(steps, gop, minimum=1, maximum=99)
-        return list(still_shots(video, gops, steps))
+        return list(still_shots((frame.rgb for frame in video), gops, steps))
 
 
 @pytest.fixture(scope="module")
