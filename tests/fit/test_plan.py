@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any, get_args
+from dataclasses import replace
+from typing import Any, ClassVar, get_args
 
 import pytest
 from hypothesis import given
@@ -13,12 +14,14 @@ from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.plan import (
     GAUSSIAN_PARAMETERS,
     Budget,
+    Plan,
     allocate,
     grid_parameters,
     longest_gop,
     plan,
     triplane_grid,
 )
+from gsvrcodec.fit.scenes import StillShot
 from gsvrcodec.fit.settings import Deform, EncodeSettings, Profile
 from gsvrcodec.fit.slicing import Step
 
@@ -98,6 +101,79 @@ def test_no_grid_for_a_polynomial(profile: Profile) -> None:
     settings = EncodeSettings(deform="polynomial", profile=profile)
     assert triplane_grid((1280, 640), 24, settings) == (0, 0, 0)
     assert grid_parameters((0, 0, 0)) == 0
+
+
+class TestScenes:
+    """What a scene gets is taken from its GOPs, and from no other."""
+
+    SIZE = (640, 360)
+    GOPS = ranges([20] * 6)
+    STEPS: ClassVar = [Step(0.4, number == 100, 9.0, 300.0) for number in range(120)]
+    SHOT = StillShot(1, range(1, 5), 0.9, b"")
+
+    def plan(self, *stills: StillShot, **settings: Any) -> Plan:
+        chosen = EncodeSettings(**settings)
+        return plan(
+            self.GOPS, self.STEPS, self.SIZE, chosen, seconds=5.0, overhead=900, stills=stills
+        )
+
+    def test_bytes(self) -> None:
+        before, after = self.plan(bpp=0.1), self.plan(self.SHOT, bpp=0.1)
+        ((shot, scene),) = after.scenes
+        assert shot is self.SHOT
+        assert scene.target_bytes is not None
+        sizes = [[budget.target_bytes or 0 for budget in p.gops] for p in (before, after)]
+        assert sizes[0][0] == sizes[1][0]
+        assert sizes[0][5] == sizes[1][5]
+        assert sum(sizes[0]) == sum(sizes[1]) + scene.target_bytes
+        assert scene.target_bytes > max(sizes[1])
+        assert scene.gaussians > after.gops[1].gaussians
+        assert [budget.gaussians for budget in after.gops[1:5]] < [
+            budget.gaussians for budget in before.gops[1:5]
+        ]
+
+    def test_parameters(self) -> None:
+        after = self.plan(self.SHOT, params=400_000)
+        ((_, scene),) = after.scenes
+        grids = sum(
+            grid_parameters(triplane_grid(self.SIZE, 20, EncodeSettings())) for _ in self.GOPS
+        )
+        own = sum(budget.gaussians for budget in after.gops)
+        total = grids + GAUSSIAN_PARAMETERS * own + 8 * scene.gaussians
+        assert 0.99 * 400_000 < total < 1.001 * 400_000
+
+    def test_a_quality(self) -> None:
+        after = self.plan(self.SHOT, target_psnr=35)
+        ((_, scene),) = after.scenes
+        assert 36 < (scene.target_psnr or 0) < 40
+        assert {budget.target_psnr for budget in after.gops} == {35}
+
+    def test_more_gops_share_a_smaller_part(self) -> None:
+        parts = []
+        for gops in (range(1, 3), range(1, 5)):
+            shot = replace(self.SHOT, gops=gops)
+            ((_, scene),) = self.plan(shot, bpp=0.1).scenes
+            parts.append((scene.target_bytes or 0) / len(gops))
+        assert parts[1] < parts[0]
+
+    def test_too_few_bytes_for_one(self) -> None:
+        assert self.plan(self.SHOT, bpp=0.0055).scenes == []
+
+    def test_in_front_of_a_scene_the_grid_is_coarse(self) -> None:
+        grids = [budget.grid for budget in self.plan(self.SHOT, bpp=0.4).gops]
+        assert grids[1:5] == [(16, 9, 10)] * 4
+        assert grids[0] == grids[5] == (32, 18, 20)
+
+
+def test_a_dear_grid_is_coarse() -> None:
+    steps = [Step(0.4, False, 9.0, 300.0)] * 20
+    grids = [
+        plan([range(20)], steps, (640, 360), EncodeSettings(bpp=bpp), seconds=1.0, overhead=0)
+        .gops[0]
+        .grid
+        for bpp in (0.02, 0.2)
+    ]
+    assert grids == [(16, 9, 20), (32, 18, 20)]
 
 
 class TestPlan:

@@ -88,3 +88,17 @@ def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
         "threads",
         "workers",
     }
+
+
+@pytest.mark.parametrize(
+    ("settings", "may"),
+    [
+        ({}, True),
+        ({"bpp": 0.1}, True),
+        ({"scenes": False}, False),
+        ({"gaussians": 50}, False),
+        ({"profile": "paper"}, False),
+    ],
+)
+def test_when_there_may_be_scenes(settings: dict[str, Any], may: bool) -> None:
+    assert EncodeSettings(**settings).may_have_scenes == may
