@@ -19,6 +19,7 @@ from gsvrcodec.errors import CorruptError, InputError, LimitError, NotGsvrError
 from gsvrcodec.gops import CACHED_GOPS
 from tests import making
 from tests.decode.film import STEPS, TIMES
+from tests.vectors.make import VALID
 
 
 def assert_same(a: Frame, b: Frame) -> None:
@@ -272,3 +273,22 @@ class TestBadFiles:
             assert decoder.lost_frames == 4 + 519 - len(kept)
         assert "frames 6 to 9 are left out" in caplog.text
         assert "pictures from 0.4" in caplog.text
+
+    def test_damage_of_a_scene_stays_in_its_gops(self, tmp_path: Path) -> None:
+        data = bytearray((VALID / "scenes.gsvr").read_bytes())
+        sound, damaged = tmp_path / "sound.gsvr", tmp_path / "damaged.gsvr"
+        sound.write_bytes(data)
+        with GsvrReader(sound) as reader:
+            (first, _) = reader.scenes
+        data[first.chunk.payload_offset + 60] ^= 1
+        damaged.write_bytes(data)
+        with gsvrcodec.open(sound) as decoder:
+            truth = list(decoder)
+        with gsvrcodec.open(damaged) as decoder:
+            assert_same(decoder[10], truth[10])
+            with pytest.raises(CorruptError, match=f"chunk SCNE at byte {first.chunk.offset}"):
+                decoder[4]
+            assert_same(decoder[7], truth[7])
+        with gsvrcodec.open(damaged, keep_going=True) as decoder:
+            assert [frame.index for frame in decoder] == [6, 7, 8, 9, 10, 11]
+            assert decoder.lost_frames == 6
