@@ -14,17 +14,15 @@ CPU never loads torch or OpenCV.
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gsvrcodec import errors
-    from gsvrcodec.decode import Decoder, open
-    from gsvrcodec.encode import encode
-    from gsvrcodec.frames import Frame, FrameBatch, Metadata
+    from gsvrcodec.decoder.decoder import Decoder, open
+    from gsvrcodec.decoder.export import decode
+    from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
+    from gsvrcodec.encoder.encode import encode
     from gsvrcodec.limits import Limits
-    from gsvrcodec.transcode import decode
 
 __all__ = [
     "Decoder",
@@ -43,14 +41,14 @@ __version__ = "0.1.0"
 
 #: Public name: the module it comes from.
 _HOMES = {
-    "Decoder": "gsvrcodec.decode",
-    "Frame": "gsvrcodec.frames",
-    "FrameBatch": "gsvrcodec.frames",
+    "Decoder": "gsvrcodec.decoder.decoder",
+    "Frame": "gsvrcodec.decoder.frames",
+    "FrameBatch": "gsvrcodec.decoder.frames",
     "Limits": "gsvrcodec.limits",
-    "Metadata": "gsvrcodec.frames",
-    "decode": "gsvrcodec.transcode",
-    "encode": "gsvrcodec.encode",
-    "open": "gsvrcodec.decode",
+    "Metadata": "gsvrcodec.decoder.frames",
+    "decode": "gsvrcodec.decoder.export",
+    "encode": "gsvrcodec.encoder.encode",
+    "open": "gsvrcodec.decoder.decoder",
 }
 
 
@@ -69,15 +67,3 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """Return the public names, loaded or not."""
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """Keeps `gsvrcodec.encode` and `.decode` the functions, not the modules of these names."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Ignore that the import system has loaded a module with the name of a function."""
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -6,7 +6,7 @@ import platform
 from importlib import metadata
 
 from gsvrcodec import __version__
-from gsvrcodec.container.header import VERSION_MAJOR, VERSION_MINOR
+from gsvrcodec.bitstream.header import VERSION_MAJOR, VERSION_MINOR
 from gsvrcodec.native import _core
 from gsvrcodec.video.versions import ffmpeg_version
 

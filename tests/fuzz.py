@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from gsvrcodec.container.chunk import (
+from gsvrcodec.bitstream.chunk import (
     GOP_TYPE,
     HEAD_BYTES,
     OVERHEAD_BYTES,
@@ -29,11 +29,11 @@ from gsvrcodec.container.chunk import (
     chunk_bytes,
     is_type,
 )
-from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, GsvrError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.pack import unpack_gop
-from gsvrcodec.model.timing import normalised_time
+from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
 from tests.gops import make_file, make_payload
 from tests.tampering import Piece, edited, joined, pieces, with_plane

@@ -10,13 +10,14 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.container.header import Header
-from gsvrcodec.container.reader import GsvrReader
-from gsvrcodec.container.writer import GsvrWriter
+from gsvrcodec.bitstream.background_payload import pack_scene, unpack_scene
+from gsvrcodec.bitstream.gop_payload import GopContent, pack_gop, unpack_gop
+from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.background import with_scene
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.pack import GopContent, pack_gop, unpack_gop
-from gsvrcodec.model.scene import pack_scene, unpack_scene, with_scene
 from gsvrcodec.planes import PACKS
 
 #: Fixed here, so that test vectors do not change when a profile is tuned.
@@ -135,7 +136,8 @@ def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
         ]
         for number, content in enumerate(contents):
             if content.shown is not None:
-                scene = unpack_scene(reader.read_scene(content.scene), limits)
+                chunk = reader.find_scene(content.scene, number).chunk
+                scene = unpack_scene(reader.read_chunk(chunk), limits)
                 gop = with_scene(content.gop, scene, content.shown)
                 contents[number] = replace(content, gop=gop)
         return contents

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.container.header import ColourInfo, Header
-from gsvrcodec.container.writer import GsvrWriter
+from gsvrcodec.bitstream.gop_payload import pack_gop
+from gsvrcodec.bitstream.header import ColourInfo, Header
+from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.pack import pack_gop
 from gsvrcodec.video import OutputInfo, open_writer
 
 SAMPLES = Path(__file__).parent.parent / "samples"

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from gsvrcodec.container.chunk import (
+from gsvrcodec.bitstream.chunk import (
     END_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
@@ -16,7 +16,7 @@ from gsvrcodec.container.chunk import (
     TAIL_BYTES,
     chunk_bytes,
 )
-from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,8 @@ def test_unknown_name_fails() -> None:
 def test_functions_are_not_hidden_by_their_modules() -> None:
     code = """
 import gsvrcodec
-from gsvrcodec.decode import Decoder
-from gsvrcodec.encode import Progress
+from gsvrcodec.decoder.decoder import Decoder
+from gsvrcodec.encoder.progress import Progress
 assert callable(gsvrcodec.decode) and callable(gsvrcodec.encode)
 """
     assert "gsvrcodec" in loaded_by(code)

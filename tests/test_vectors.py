@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from gsvrcodec.container.chunk import OVERHEAD_BYTES
-from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
-from gsvrcodec.container.header import HEADER_BYTES
-from gsvrcodec.container.index import END_BYTES, ENTRY_BYTES
-from gsvrcodec.container.reader import GsvrReader
-from gsvrcodec.container.scene_head import SCENE_HEAD_BYTES
+from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES
+from gsvrcodec.bitstream.chunk import OVERHEAD_BYTES
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.header import HEADER_BYTES
+from gsvrcodec.bitstream.index import END_BYTES, ENTRY_BYTES
+from gsvrcodec.bitstream.plane_table import PLANE_ENTRY_BYTES
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
-from gsvrcodec.model.plane_table import PLANE_ENTRY_BYTES
 from tests.gops import decode_all
 from tests.vectors import make
 

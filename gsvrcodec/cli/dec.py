@@ -178,8 +178,8 @@ def command(
     gsvrdec --muxer md5 out.gsvr
     """
     from gsvrcodec.cli.progress import FrameDisplay
+    from gsvrcodec.decoder.export import decode
     from gsvrcodec.files import check_input
-    from gsvrcodec.transcode import decode
 
     if target is None and muxer not in ("md5", "null"):
         raise click.UsageError("name an output, or - for the standard output")

@@ -22,7 +22,8 @@ from gsvrcodec.cli.common import (
 )
 from gsvrcodec.cli.groups import GroupedCommand
 from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
-from gsvrcodec.fit.settings import Deform, EncodeSettings, Flow, Pack, Preset, Profile
+from gsvrcodec.encoder.settings import EncodeSettings, Pack, Preset, Profile
+from gsvrcodec.fit.options import Deform, Flow
 
 _DEFAULTS = EncodeSettings()
 
@@ -284,7 +285,7 @@ def command(
         open_video(source, **reading_options(settings)).close()
 
     from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
-    from gsvrcodec.encode import encode
+    from gsvrcodec.encoder.encode import encode
 
     as_json = EncodeJson() if progress == "json" else None
     with as_json or EncodeDisplay(quiet=quiet or progress == "none") as display:

@@ -14,7 +14,7 @@ import click
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-    from gsvrcodec.results import Progress
+    from gsvrcodec.encoder.progress import Progress
 
 #: Between two plain lines of a quick command, seconds.
 _LINE_INTERVAL = 10.0

@@ -1,0 +1,1 @@
+"""From the frames of one GOP to its Gaussians; nothing else."""

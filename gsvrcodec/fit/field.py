@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from gsvrcodec.fit.settings import Deform
+from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.background import together
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.scene import together
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import render_linear
 
@@ -92,7 +92,7 @@ class Field:
         """
         if self._still is None:
             return None
-        picture = render_linear(self._still, size, coded_size, threads)
+        picture = render_linear(self._still, 0.0, size, coded_size, threads)
         return picture if self.device == "cpu" else torch.from_numpy(picture).to(self.device)
 
     def drawn(self) -> Gop:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.settings import Flow
+from gsvrcodec.fit.options import Flow
 
 Image = NDArray[np.uint8]
 FlowField = NDArray[np.float32]

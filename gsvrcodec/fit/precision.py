@@ -8,10 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.plan import GAUSSIAN_PARAMETERS
-from gsvrcodec.fit.rate import COARSEST, FINEST
+from gsvrcodec.fit.target import COARSEST, FINEST
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.quantise import Steps
 
 #: No step is larger than this, however little depends on the attribute.

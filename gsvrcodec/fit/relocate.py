@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.initialise import Frames, sample_pixels
+from gsvrcodec.fit.start import Frames, sample_pixels
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.order import drawing_order

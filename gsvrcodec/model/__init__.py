@@ -1,1 +1,1 @@
-"""What a GOP is and how it becomes bytes: attributes, quantiser, order, timing, packing."""
+"""What a GOP is: attributes, quantiser, order, time, pyramid; NumPy alone."""

@@ -12,6 +12,9 @@ Float32Array = NDArray[np.float32]
 #: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
 TRIPLANE_CHANNELS = 8
 
+#: Stored numbers of one Gaussian: position 2, scale 2, rotation, colour 3, alpha, motion 4.
+GAUSSIAN_PARAMETERS = 13
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gop:
@@ -39,3 +42,9 @@ class Gop:
     def parameters(self) -> int:
         """Stored numbers, before quantisation."""
         return sum(getattr(self, field.name).size for field in fields(self))
+
+
+def grid_size(gop: Gop) -> tuple[int, int, int]:
+    """Gx, Gy and Gt of the tri-plane, all 0 if there is none."""
+    gy, gx, _ = gop.xy.shape
+    return gx, gy, gop.xt.shape[0]

@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.attributes import Attribute
-from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute
+from gsvrcodec.model.gop import Float32Array, Gop
 
 _MAX_BITS = 16
 
@@ -119,3 +119,57 @@ class Quantiser:
     def dequantise(self, codes: NDArray[np.uint16]) -> Float32Array:
         """The values of codes: exact in binary64 but for one rounding, then one to binary32."""
         return (codes * np.float64(self.step) + self.offset).astype(np.float32)
+
+
+#: A mask has one bit.
+_MASK = Quantiser(1, 0.0, 1.0)
+
+
+def component(
+    values: NDArray[np.floating], attribute: Attribute, part: int
+) -> NDArray[np.floating]:
+    """One component of an attribute, as it is stored."""
+    if attribute.components > 1:
+        values = values[..., part]
+    # A Gaussian turned by half a circle is the same one; one period needs the fewest bits.
+    return np.mod(values, np.pi) if attribute.name == "rotation" else values
+
+
+def quantiser_of(
+    values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
+) -> Quantiser:
+    """The quantiser of a component.
+
+    Raises:
+        ValueError: A value is not finite or out of the spec's bounds.
+    """
+    if attribute is SHOWN:
+        return _MASK
+    quantiser = Quantiser.choose(values, attribute, part, precision)
+    if quantiser.offset < attribute.low or quantiser.last > attribute.high:
+        raise ValueError(
+            f"{attribute.name} spans {quantiser.offset:g} to {quantiser.last:g}, "
+            f"allowed is {attribute.low:g} to {attribute.high:g}"
+        )
+    return quantiser
+
+
+def dequantised(gop: Gop, precision: Precision) -> Gop:
+    """What a decoder will get for `gop`, in the order given.
+
+    Raises:
+        ValueError: A value is not finite or out of the spec's bounds.
+    """
+    values: dict[str, Float32Array] = {}
+    for attribute in ATTRIBUTES:
+        original: Float32Array = getattr(gop, attribute.name)
+        result = np.empty(original.shape, np.float32)
+        if original.size:
+            for part in range(attribute.components):
+                samples = component(original, attribute, part)
+                quantiser = quantiser_of(samples, attribute, part, precision)
+                restored = quantiser.dequantise(quantiser.quantise(samples))
+                target = result if attribute.components == 1 else result[..., part]
+                target[...] = restored
+        values[attribute.name] = result
+    return Gop(**values)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
-from gsvrcodec.planes.earlier import Earlier
 from gsvrcodec.planes.prediction import predictors
+from gsvrcodec.planes.prior import Earlier
 from gsvrcodec.planes.samples import Samples, Shape
 
 #: Divisions of errors into tokens: numbers with a token of their own (as a power of two), and bits

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.native._entropy import Predictor
-from gsvrcodec.planes.earlier import Earlier
+from gsvrcodec.planes.prior import Earlier
 from gsvrcodec.planes.samples import Samples
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 from gsvrcodec.planes import constant, context, deflate, jxl, png, ranges
-from gsvrcodec.planes.earlier import Earlier
+from gsvrcodec.planes.prior import Earlier
 from gsvrcodec.planes.samples import MAX_BITS, Samples, Shape
 
 

@@ -42,19 +42,17 @@ def parameters(gop: Gop) -> _core.Parameters:
 
 
 def render_linear(
-    gop: Gop, size: tuple[int, int], coded_size: tuple[int, int], threads: int = 0
+    gop: Gop, tau: float, size: tuple[int, int], coded_size: tuple[int, int], threads: int = 0
 ) -> Float32Array:
-    """The middle of a GOP, (H, W, 3): neither clamped nor rounded."""
+    """Render one frame, (H, W, 3), neither clamped nor rounded."""
     width, height = size
     out = np.empty((1, height, width, 3), np.float32)
-    _core.render_float(parameters(gop), np.zeros(1, np.float32), out, *coded_size, threads)
+    taus = np.array([tau], np.float32)
+    _core.render_float(parameters(gop), taus, out, *coded_size, threads)
     picture: Float32Array = out[0]
     return picture
 
 
 def render_weights(gop: Gop, tau: float, size: tuple[int, int]) -> Float32Array:
     """Sum of red weights at each pixel, (H, W): neither clamped nor rounded."""
-    width, height = size
-    out = np.empty((1, height, width, 3), np.float32)
-    _core.render_float(parameters(gop), np.array([tau], np.float32), out, width, height, 0)
-    return np.ascontiguousarray(out[0, ..., 0])
+    return np.ascontiguousarray(render_linear(gop, tau, size, size)[..., 0])

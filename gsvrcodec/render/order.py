@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.model.levels import level_of
+from gsvrcodec.model.pyramid import level_of
 
 _TILE_PX = 32
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.levels import LEVELS, level_of, level_size, zoom
+from gsvrcodec.model.pyramid import LEVELS, level_of, level_size, zoom
 from gsvrcodec.render import Codes
 
 MIN_SCALE = 0.1  #: px of the coded frame

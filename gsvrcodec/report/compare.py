@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from gsvrcodec.decode import open as open_gsvr
+from gsvrcodec.decoder.decoder import open as open_gsvr
+from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import UsageError
-from gsvrcodec.frames import Metadata
 from gsvrcodec.report.quality import PictureQuality, Quality
 from gsvrcodec.video.read import Crop, VideoReader, open_video
 

@@ -8,15 +8,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from gsvrcodec.container.chunk import SCENE_TYPE
-from gsvrcodec.container.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
-from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.chunk import SCENE_TYPE
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
+from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.frames import Metadata
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, STILL_ATTRIBUTES, Attribute, Shape
-from gsvrcodec.model.pack import unpack_gop
-from gsvrcodec.model.scene import unpack_scene
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -148,13 +148,18 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
         if reader.recovered:
             yield from reader.warnings
         gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
+        scenes: dict[int, int] = {}
         for chunk in reader.chunks:
             try:
                 if chunk.offset in gops:
                     payload = reader.read_gop(gops[chunk.offset])
-                    unpack_gop(payload, reader.header, limits)
+                    content = unpack_gop(payload, reader.header, limits)
+                    expected = 0 if content.shown is None else len(content.shown)
+                    if scenes.get(content.scene, 0) != expected:
+                        raise CorruptError(f"scene {content.scene} is lost or another one")
                 elif chunk.type == SCENE_TYPE:
-                    unpack_scene(reader.read_chunk(chunk), limits)
+                    scene = unpack_scene(reader.read_chunk(chunk), limits)
+                    scenes[scene.number] = len(scene.gop)
                 else:
                     reader.read_chunk(chunk)
             except CorruptError as error:

@@ -7,7 +7,8 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gsvrcodec.container.chunk import (
+from gsvrcodec.bitstream.background_payload import scene_table
+from gsvrcodec.bitstream.chunk import (
     GOP_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
@@ -17,13 +18,12 @@ from gsvrcodec.container.chunk import (
     STREAMS_TYPE,
     STRUCTURAL_TYPES,
 )
-from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.bitstream.gop_payload import plane_table
+from gsvrcodec.bitstream.plane_table import PlaneEntry
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN
-from gsvrcodec.model.pack import plane_table
-from gsvrcodec.model.plane_table import PlaneEntry
-from gsvrcodec.model.scene import scene_table
 
 _NAMES = {
     SETTINGS_TYPE: "settings",

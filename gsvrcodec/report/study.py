@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from gsvrcodec.decode import open as open_gsvr
+from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.errors import UsageError
 from gsvrcodec.report.compare import Report, first_frame, open_part, report
 from gsvrcodec.report.curve import BdRate, RateCurve

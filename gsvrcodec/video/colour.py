@@ -10,7 +10,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 from numpy.typing import NDArray
 
-from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.bitstream.header import ColourInfo
 
 Rgb = NDArray[np.uint8]  #: (H, W, 3) red, green, blue
 #: The same with 8 bits, or with 10 (0 to 1023).

@@ -14,7 +14,7 @@ import av
 from av.container import InputContainer, OutputContainer
 from av.stream import Stream
 
-from gsvrcodec.container.tags import StreamTags
+from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.video.probe import demuxed
 from gsvrcodec.video.streams import FORMATS, place
 from gsvrcodec.video.tags import write_stream_tags

@@ -12,13 +12,7 @@ import numpy as np
 from av.video.reformatter import ColorRange
 
 from gsvrcodec.errors import OutputError
-from gsvrcodec.video.colour import (
-    MATRIX_RGB,
-    AnyRgb,
-    output_matrix,
-    to_ycbcr,
-    ycbcr_format,
-)
+from gsvrcodec.video.colour import MATRIX_RGB, AnyRgb, output_matrix, to_ycbcr, ycbcr_format
 from gsvrcodec.video.copies import StreamCopies
 from gsvrcodec.video.matroska import set_sample_aspect
 from gsvrcodec.video.output import OutputInfo

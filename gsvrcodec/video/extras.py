@@ -8,8 +8,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gsvrcodec.container.chunk import OVERHEAD_BYTES
-from gsvrcodec.container.tags import Tags
+from gsvrcodec.bitstream.chunk import OVERHEAD_BYTES
+from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.limits import Limits
 from gsvrcodec.video.probe import opened
 from gsvrcodec.video.streams import CopiedStream, copy_streams

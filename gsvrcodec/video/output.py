@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from gsvrcodec.container.header import ColourInfo
-from gsvrcodec.container.tags import StreamTags, Tags
+from gsvrcodec.bitstream.header import ColourInfo
+from gsvrcodec.bitstream.tags import StreamTags, Tags
 from gsvrcodec.video.timing import Span
 
 #: Near-lossless: about 40 dB or more on the sample clips.

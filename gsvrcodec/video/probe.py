@@ -17,8 +17,8 @@ from av.container import InputContainer
 from av.stream import Disposition, Stream
 from av.video.stream import VideoStream
 
-from gsvrcodec.container.chunk import SIGNATURE
-from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.bitstream.chunk import SIGNATURE
+from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import check_input
 from gsvrcodec.video.colour import source_colour

@@ -23,7 +23,7 @@ import av
 from av.audio.stream import AudioStream
 from av.subtitles.stream import SubtitleStream
 
-from gsvrcodec.container.tags import StreamTags
+from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.video.probe import demuxed, opened
 from gsvrcodec.video.tags import stream_tags
 from gsvrcodec.video.timing import Span

@@ -9,7 +9,7 @@ from av.container import InputContainer, OutputContainer
 from av.stream import Disposition, Stream
 from av.video.stream import VideoStream
 
-from gsvrcodec.container.tags import Chapter, StreamTags, Tags
+from gsvrcodec.bitstream.tags import Chapter, StreamTags, Tags
 from gsvrcodec.video.timing import Span
 
 #: What is true of the source's container only, and what every muxer writes anew.

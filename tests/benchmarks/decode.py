@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import gsvrcodec
-from gsvrcodec.gops import GopStore
+from gsvrcodec.decoder.gop_cache import GopStore
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.timing import normalised_time
+from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
 from gsvrcodec.video import open_video
 from tests.benchmarks.machine import machine

@@ -21,7 +21,7 @@ import gsvrcodec
 from gsvrcodec.cli import dec, enc, info, report, values
 from gsvrcodec.cli.common import run
 from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
-from gsvrcodec.encode import Progress
+from gsvrcodec.encoder.encode import Progress
 from tests import making
 from tests.cli.tools import MAINS, ROOT, Runner, start
 

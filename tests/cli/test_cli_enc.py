@@ -12,7 +12,7 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec.cli import enc
-from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.encoder.settings import EncodeSettings
 from tests import making
 from tests.cli.tools import ROOT, Runner, start
 

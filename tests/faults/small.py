@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from tests.gops import make_file, make_payloads
 from tests.tampering import pieces

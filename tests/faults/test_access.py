@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import gsvrcodec
-from gsvrcodec.decode import Decoder
+from gsvrcodec.decoder.decoder import Decoder
 from tests import making
 
 FRAMES = 24

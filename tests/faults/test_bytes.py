@@ -11,20 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsvrcodec.container.chunk import (
-    GOP_TYPE,
-    HEAD_TYPE,
-    INDEX_TYPE,
-    SIGNATURE,
-    chunk_head,
-)
-from gsvrcodec.errors import (
-    CorruptError,
-    GsvrError,
-    LimitError,
-    NotGsvrError,
-    UnsupportedError,
-)
+from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE, chunk_head
+from gsvrcodec.errors import CorruptError, GsvrError, LimitError, NotGsvrError, UnsupportedError
 from gsvrcodec.limits import Limits
 from tests.cli.tools import Runner
 from tests.faults.small import CHUNKS, FILE, FIRST, HEAD, PAYLOADS, opened

@@ -10,7 +10,7 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from gsvrcodec.container.chunk import (
+from gsvrcodec.bitstream.chunk import (
     GOP_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
@@ -18,16 +18,19 @@ from gsvrcodec.container.chunk import (
     SIGNATURE,
     chunk_bytes,
 )
-from gsvrcodec.errors import (
-    CorruptError,
-    GsvrError,
-    LimitError,
-    UnsupportedError,
-)
+from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.model.gop import Gop
 from tests.faults.small import FILE, FIRST, HEAD, opened
 from tests.gops import HEADER, decode_all, make_file, make_payload, make_scene
-from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, with_plane
+from tests.tampering import (
+    TABLE_OFFSET,
+    Piece,
+    edited,
+    joined,
+    patched,
+    pieces,
+    with_plane,
+)
 
 
 class TestHeader:
@@ -119,17 +122,17 @@ class TestPlanes:
 
 
 class TestBombs:
-    """Fault 15: refused at once and in little memory."""
-
-    #: Half a second is usual; a core that others share takes twice that.
-    SECONDS = 3
+    """Fault 15: refused in under a second and in little memory."""
 
     @staticmethod
     def check(data: bytes, error: type[GsvrError], says: str) -> None:
-        begin = time.process_time()
-        with pytest.raises(error, match=says):
-            decode_all(data)
-        assert time.process_time() - begin < TestBombs.SECONDS
+        spans = []
+        for _ in range(3):  # others on the same core make one slow, not all
+            begin = time.process_time()
+            with pytest.raises(error, match=says):
+                decode_all(data)
+            spans.append(time.process_time() - begin)
+        assert min(spans) < 1
         tracemalloc.start()
         try:
             with pytest.raises(error, match=says):
@@ -208,6 +211,17 @@ class TestScenes:
     def test_a_gop_that_lies_of_its_scene(self, offset: int, value: int, says: str) -> None:
         with pytest.raises(CorruptError, match=says):
             decode_all(patched(self.FILE, GOP_TYPE, offset, "I", value))
+
+    def test_a_scene_behind_its_gop(self) -> None:
+        head, scene, gop = pieces(self.FILE)[:3]
+        with pytest.raises(CorruptError, match="scene 3 is lost"):
+            decode_all(joined([head, gop, scene]))
+
+    def test_scenes_out_of_turn(self) -> None:
+        head, scene, gop = pieces(self.FILE)[:3]
+        later = Piece(SCENE_TYPE, make_scene(4, 40))
+        with pytest.raises(CorruptError, match="scene 3 is lost"):
+            decode_all(joined([head, later, scene, gop]))
 
     def test_a_scene_beyond_reason(self) -> None:
         data = patched(self.FILE, SCENE_TYPE, 4, "I", 2**32 - 1)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import ClassVar
 
 import av
 import numpy as np
@@ -65,7 +66,7 @@ def wide_pixels(path: Path) -> Path:
 class TestAccepted:
     """Encoded, decoded, and as many frames as there were."""
 
-    CASES: dict[str, tuple[Callable[[Path], Path], int, dict[str, object]]] = {  # noqa: RUF012
+    CASES: ClassVar[dict[str, tuple[Callable[[Path], Path], int, dict[str, object]]]] = {
         "1 frame": (y4m(1), 1, {}),
         "1x1": (y4m(2, 1, 1), 2, {"width": 1, "height": 1}),
         "1xN": (y4m(2, 1, 9), 2, {"width": 1, "height": 9}),

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import gsvrcodec
-from gsvrcodec.results import Progress
+from gsvrcodec.encoder.progress import Progress
 from tests import making
 from tests.cli.tools import ROOT, Runner, start
 from tests.faults.kills import children, gone, kill_and_resume

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import gsvrcodec
+from gsvrcodec.encoder.progress import Progress
 from gsvrcodec.errors import InputError
-from gsvrcodec.results import Progress
 from tests import making
 from tests.cli.tools import Runner, start
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -10,9 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.gop import GopTask
-from gsvrcodec.fit.settings import EncodeSettings
+from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
+from gsvrcodec.bitstream.header import Header
+from gsvrcodec.encoder.jobs import EncodedGop, GopTask
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.time import normalised_time
+from gsvrcodec.render import render_frames
 from gsvrcodec.video import open_video
 from tests import making
 
@@ -72,6 +78,27 @@ def task(
         settings=chosen,
         seconds=seconds,
     )
+
+
+def unpacked(done: EncodedGop, job: GopTask) -> GopContent:
+    """Return what a decoder gets."""
+    height, width = job.frames.shape[1:3]
+    header = Header(
+        width=width,
+        height=height,
+        time_base=Fraction(1, 12800),
+        max_gaussians=10**6,
+        max_gop_frames=len(job.frames),
+        max_grid=(64, 64, 64),
+    )
+    return unpack_gop(done.payload, header, Limits())
+
+
+def quality(content: GopContent, frames: Frames) -> float:
+    """Return the mean PSNR of what a decoder shows, dB."""
+    size = frames.shape[2], frames.shape[1]
+    shown = render_frames(content.gop, normalised_time(content.pts), size, size)
+    return float(np.mean([making.psnr(*pair) for pair in zip(frames, shown, strict=True)]))
 
 
 def times(frames: int) -> Float32Array:

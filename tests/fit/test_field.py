@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from gsvrcodec.fit.field import Field, squared_error
-from gsvrcodec.fit.settings import Deform
+from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.reference import render
 from tests import making

@@ -10,10 +10,10 @@ import pytest
 from torch import Tensor
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.initialise import random_start
 from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, Recipe, optimise
+from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.relocate import reorder
-from gsvrcodec.fit.settings import Deform
+from gsvrcodec.fit.start import random_start
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.scenes import Frames, assert_finite, sample, times

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.precision import equal_slope_steps, usual_factor
-from gsvrcodec.fit.rate import COARSEST, FINEST
 from gsvrcodec.fit.sensitivity import sensitivity
+from gsvrcodec.fit.target import COARSEST, FINEST
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.native import _core

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.pack import dequantised
-from gsvrcodec.model.quantise import PAPER_BITS
+from gsvrcodec.model.quantise import PAPER_BITS, dequantised
 from tests import making
 
 

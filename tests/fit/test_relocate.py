@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.initialise import content_aware
+from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.relocate import relocate
-from gsvrcodec.fit.settings import Deform
+from gsvrcodec.fit.start import content_aware
 from gsvrcodec.render import render_frames
 from tests.fit.scenes import Frames, assert_finite, moving_texture, times
 

@@ -32,6 +32,8 @@ def reference(data: bytes, shape: Shape, earlier: NDArray[np.uint16], guided_gri
     weights = [(coder.u8() ^ 128) - 128 for _ in range(6)] if flags & 32 else [0] * 6
     division = coder.u8()
     direct, top = division & 15, division >> 4
+    if top > 2 or not top < direct <= 7:
+        raise Corrupt
     thresholds: list[int] = []
     for _ in range(coder.u8()):
         thresholds.append(coder.varint() + (thresholds[-1] if thresholds else 0))

@@ -17,13 +17,13 @@ if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
 pytest.importorskip("triton", reason="Triton is not installed; pip install 'gsvrcodec[gpu]'")
 
+from gsvrcodec.bitstream.gop_payload import GopContent
+from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.optimise import MAIN, Effort, optimise
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.pack import GopContent
 from gsvrcodec.native import _core
-from gsvrcodec.pictures import PictureMaker
 from gsvrcodec.render import triton as gpu
 from gsvrcodec.render.triton import launch
 from gsvrcodec.render.triton.launch import Pass

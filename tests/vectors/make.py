@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gsvrcodec.container.chunk import (
+from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.chunk import (
     END_TYPE,
     GOP_TYPE,
     HEAD_TYPE,
@@ -24,14 +25,14 @@ from gsvrcodec.container.chunk import (
     SCENE_TYPE,
     SIGNATURE,
 )
-from gsvrcodec.container.gop_head import GOP_HEAD_BYTES
-from gsvrcodec.container.header import ColourInfo, Header
-from gsvrcodec.container.reader import GsvrReader
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_gop
+from gsvrcodec.bitstream.header import ColourInfo, Header
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.background import with_scene
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.pack import pack_gop, unpack_gop
-from gsvrcodec.model.scene import unpack_scene, with_scene
 from gsvrcodec.planes import PACKS
 from tests.gops import (
     BITS,
@@ -276,7 +277,8 @@ def description(data: bytes) -> dict[str, object]:
         for position in range(len(reader.gops)):
             content = unpack_gop(reader.read_gop(position), reader.header, Limits())
             if content.shown is not None:
-                scene = unpack_scene(reader.read_scene(content.scene), Limits())
+                chunk = reader.find_scene(content.scene, position).chunk
+                scene = unpack_scene(reader.read_chunk(chunk), Limits())
                 content = replace(content, gop=with_scene(content.gop, scene, content.shown))
             values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
             gops.append(

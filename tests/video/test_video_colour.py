@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.video import OutputInfo, open_video, open_writer
 from tests import making
 

@@ -12,7 +12,7 @@ import av
 import numpy as np
 import pytest
 
-from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.errors import InputError, NotAVideoError, UnsupportedError, UsageError
 from gsvrcodec.video import open_video, probe
 from tests import making

@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from gsvrcodec.container.tags import StreamTags, Tags, parse_tags
+from gsvrcodec.bitstream.tags import StreamTags, Tags, parse_tags
 from gsvrcodec.video import open_video, open_writer
 from gsvrcodec.video.probe import opened
 from gsvrcodec.video.streams import copy_streams

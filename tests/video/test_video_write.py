@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsvrcodec.container.header import ColourInfo
+from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.errors import OutputError, UsageError
 from gsvrcodec.video import OutputInfo, SourceFrame, muxer_of, open_video, open_writer
 from tests import making

@@ -3,7 +3,7 @@
 import triton
 import triton.language as tl
 
-from gsvrcodec.model import levels
+from gsvrcodec.model import pyramid as levels
 
 #: Gaussians that are deformed together and have common bounds.
 BLOCK = tl.constexpr(64)

@@ -12,7 +12,7 @@ import triton
 from torch import Tensor
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Gop
-from gsvrcodec.model.levels import LEVEL_SCALE, LEVELS, level_size, zoom
+from gsvrcodec.model.pyramid import LEVEL_SCALE, LEVELS, level_size, zoom
 from gsvrcodec.render.triton.deform import project
 from gsvrcodec.render.triton.deform_backward import deform_backward
 from gsvrcodec.render.triton.geometry import BLOCK, END, SPLAT

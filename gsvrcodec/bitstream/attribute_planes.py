@@ -1,0 +1,123 @@
+"""Planes of a GOP or a scene: values quantised, coded one by one, and back."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.bitstream.plane_table import PlaneEntry
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute, Grid, Shape
+from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.quantise import Precision, component, quantiser_of
+from gsvrcodec.planes import Codec, PlaneStack, decode_plane, encode_plane
+
+
+def pack_planes(
+    values: Mapping[str, NDArray[np.floating]],
+    shape: Shape,
+    precision: Precision,
+    codecs: Collection[Codec],
+    attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
+) -> tuple[int, bytes]:
+    """Quantise and code planes.
+
+    Args:
+        values: Samples of each attribute, components in the last axis; Gaussians in stored order.
+        shape: Of the planes.
+        precision: Bits of each attribute, or steps of its components.
+        codecs: Plane codecs to choose from.
+        attributes: Those to store, in the order of the table.
+
+    Returns:
+        How many planes there are; plane table and planes.
+
+    Raises:
+        ValueError: A value is out of the spec's bounds.
+    """
+    table: list[bytes] = []
+    planes: list[bytes] = []
+    stacks = _plane_stacks(shape, attributes)
+    for attribute, part, width, height in shape.planes(attributes):
+        samples = component(values[attribute.name], attribute, part)
+        quantiser = quantiser_of(samples, attribute, part, precision)
+        # The last one again in the cells that are not filled; decoders drop them.
+        samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
+        codes = quantiser.quantise(samples).reshape(height, width)
+        stack = stacks[attribute.grid]
+        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.earlier)
+        stack.append(codes)
+        entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
+        table.append(entry.to_bytes())
+        planes.append(data)
+    return len(planes), b"".join([*table, *planes])
+
+
+def unpack_planes(
+    entries: Sequence[PlaneEntry],
+    payload: bytes,
+    offset: int,
+    shape: Shape,
+    limits: Limits,
+    attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
+) -> dict[str, Float32Array]:
+    """Decode the planes that lie from `offset` of a payload to its end.
+
+    Returns:
+        Samples of each attribute: (N,) of Gaussians or (rows, columns) of a grid, with components
+        in a last axis where there are more than one.
+
+    Raises:
+        CorruptError: A plane breaks a rule of the spec.
+        LimitError: They are over `limits`.
+    """
+    limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
+    for entry in entries:
+        limits.check(
+            "plane_samples", entry.width * entry.height, "the number of samples of a plane"
+        )
+    values: dict[str, Float32Array] = {}
+    stacks = _plane_stacks(shape, attributes)
+    for entry in entries:
+        attribute = entry.attribute
+        stack = stacks[attribute.grid]
+        data = payload[offset : offset + entry.size]
+        offset += entry.size
+        try:
+            codes = decode_plane(
+                entry.codec,
+                data,
+                entry.width,
+                entry.height,
+                entry.quantiser.bits,
+                limits,
+                stack.earlier,
+            )
+        except CorruptError as error:
+            raise CorruptError(f"plane {entry.name}: {error.message}") from error
+        stack.append(codes)
+        plane = entry.quantiser.dequantise(codes)
+        if attribute.grid in ("gaussians", "scene"):
+            plane = plane.reshape(-1)[: shape.samples(attribute.grid)]
+        if attribute.components == 1:
+            values[attribute.name] = plane
+            continue
+        if entry.component == 0:
+            values[attribute.name] = np.empty((*plane.shape, attribute.components), np.float32)
+        values[attribute.name][..., entry.component] = plane
+    return values
+
+
+def _plane_stacks(shape: Shape, attributes: Sequence[Attribute]) -> dict[Grid, PlaneStack]:
+    """An empty stack for the planes of each grid."""
+    count = Counter(attribute.grid for attribute, *_ in shape.planes(attributes))
+    stacks = {}
+    for kind, planes in count.items():
+        width, height = shape.plane_size(kind)
+        # Along a row of Gaussians x rises, from the left to the right of the picture.
+        stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
+    return stacks

@@ -1,0 +1,67 @@
+"""Scenes: Gaussians that stand still and belong to several GOPs (spec section "Scene chunk")."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from gsvrcodec.bitstream.attribute_planes import pack_planes, unpack_planes
+from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES, SceneHead, parse_scene_head
+from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import STILL_ATTRIBUTES, Shape
+from gsvrcodec.model.background import Scene, still_gop
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.quantise import Precision
+from gsvrcodec.planes import PACKS, Codec
+
+_GRID = (0, 0, 0)
+
+
+def pack_scene(
+    number: int, gop: Gop, precision: Precision, codecs: Collection[Codec] = PACKS["auto"]
+) -> bytes:
+    """Quantise, sort and code a scene into the payload of its chunk.
+
+    Args:
+        number: By which GOPs name it, from 1.
+        gop: Its Gaussians, at least one; their motion is not looked at.
+        precision: Bits of each attribute, or steps of its components.
+        codecs: Plane codecs to choose from.
+
+    Raises:
+        ValueError: A value is not finite or out of the spec's bounds.
+    """
+    order = strip_order(gop.position)
+    values = {a.name: getattr(gop, a.name)[order] for a in STILL_ATTRIBUTES}
+    shape = Shape(len(gop), _GRID)
+    planes, data = pack_planes(values, shape, precision, codecs, STILL_ATTRIBUTES)
+    return SceneHead(number, len(gop), planes).to_bytes() + data
+
+
+def unpack_scene(payload: bytes, limits: Limits) -> Scene:
+    """Decode the payload of a scene chunk.
+
+    Raises:
+        CorruptError: The payload breaks a rule of the spec.
+        UnsupportedError: It uses a codec or attribute that this version does not know.
+        LimitError: It is over `limits`.
+    """
+    head, entries, offset = _parse(payload, limits)
+    shape = Shape(head.gaussians, _GRID)
+    values = unpack_planes(entries, payload, offset, shape, limits, STILL_ATTRIBUTES)
+    return Scene(head.number, still_gop(**values))
+
+
+def scene_table(payload: bytes, limits: Limits) -> tuple[PlaneEntry, ...]:
+    """What is in the payload of a scene chunk, plane by plane. Raises as `unpack_scene`."""
+    return _parse(payload, limits)[1]
+
+
+def _parse(payload: bytes, limits: Limits) -> tuple[SceneHead, tuple[PlaneEntry, ...], int]:
+    """Head, plane table and the offset of the first plane."""
+    head = parse_scene_head(payload)
+    limits.check("gaussians", head.gaussians, "the number of Gaussians in a scene")
+    expected = Shape(head.gaussians, _GRID).planes(STILL_ATTRIBUTES)
+    entries, offset = parse_plane_table(payload, SCENE_HEAD_BYTES, head.planes, expected)
+    return head, entries, offset

@@ -1,0 +1,155 @@
+"""A GOP as bytes and back: head, timing, plane table, planes (spec section "GOP chunk")."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.bitstream.attribute_planes import pack_planes, unpack_planes
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopHead, parse_gop_head
+from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
+from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Shape
+from gsvrcodec.model.gop import Float32Array, Gop, grid_size
+from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.quantise import Precision
+from gsvrcodec.model.time import Ticks
+from gsvrcodec.planes import PACKS, Codec
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GopContent:
+    """What a GOP chunk holds."""
+
+    gop: Gop  #: its Gaussians and their deformation
+    first_frame: int  #: number of its first frame in the file
+    pts: Ticks  #: (F,) presentation timestamps, ticks, strictly increasing
+    durations: Ticks  #: (F,) durations, ticks, 0 = not known
+    scene: int = 0  #: number of the scene whose Gaussians are drawn as well; 0 = none
+    shown: NDArray[np.bool_] | None = None  #: which of them, (N of the scene,); None = no scene
+
+
+def pack_gop(
+    gop: Gop,
+    pts: Ticks,
+    durations: Ticks,
+    first_frame: int,
+    precision: Precision,
+    codecs: Collection[Codec] = PACKS["auto"],
+    *,
+    scene: int = 0,
+    shown: NDArray[np.bool_] | None = None,
+) -> bytes:
+    """Quantise, sort and code a GOP into the payload of its chunk.
+
+    Args:
+        gop: What to store; all values finite.
+        pts: Shape (F,), strictly increasing, ticks.
+        durations: Shape (F,), ticks, 0 = not known.
+        first_frame: Number of its first frame in the file.
+        precision: Bits of each attribute (1 to 16), or steps of its components.
+        codecs: Plane codecs to choose from.
+        scene: Number of the scene whose Gaussians it shows as well; 0 = none.
+        shown: Which of them, in the scene's stored order; None = no scene.
+
+    Raises:
+        ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
+    """
+    if not 1 <= len(pts) == len(durations):
+        raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
+    shape = Shape(len(gop), grid_size(gop), 0 if shown is None else len(shown))
+    order = strip_order(gop.position)
+    values: dict[str, NDArray[np.floating]] = {}
+    for attribute in ATTRIBUTES:
+        samples: Float32Array = getattr(gop, attribute.name)
+        values[attribute.name] = samples[order] if attribute.grid == "gaussians" else samples
+    if shown is not None:
+        values[SHOWN.name] = shown.astype(np.float32)
+    planes, data = pack_planes(values, shape, precision, codecs)
+    head = GopHead(
+        first_frame=first_frame,
+        frames=len(pts),
+        gaussians=shape.gaussians,
+        start_pts=int(pts[0]),
+        last_pts=int(pts[-1]),
+        last_duration=int(durations[-1]),
+        grid=shape.grid,
+        planes=planes,
+        scene=scene,
+        scene_gaussians=shape.scene,
+    )
+    return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
+
+
+def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
+    """Decode the payload of a GOP chunk; needs nothing else of the file but its header.
+
+    The Gaussians of its background are not among the result; see `gsvrcodec.model.background`.
+
+    Raises:
+        CorruptError: The payload breaks a rule of the spec.
+        UnsupportedError: It uses a codec or attribute that this version does not know.
+        LimitError: It is over `limits`.
+    """
+    head = parse_gop_head(payload)
+    head.check_maxima(header)
+    pts, durations, entries, offset = _parse(payload, head, limits)
+    shape = _shape(head)
+    values = unpack_planes(entries, payload, offset, shape, limits)
+    shown = values.pop(SHOWN.name, None)
+    return GopContent(
+        _gop(values, head),
+        head.first_frame,
+        pts,
+        durations,
+        head.scene,
+        None if shown is None else shown != 0,
+    )
+
+
+def plane_table(payload: bytes, limits: Limits | None = None) -> tuple[PlaneEntry, ...]:
+    """What is in the payload of a GOP chunk, plane by plane, without decoding any.
+
+    Raises:
+        CorruptError: The payload breaks a rule of the spec before its planes.
+        UnsupportedError: It uses a codec or attribute that this version does not know.
+    """
+    head = parse_gop_head(payload)
+    return _parse(payload, head, limits or Limits.from_environment())[2]
+
+
+def _parse(
+    payload: bytes, head: GopHead, limits: Limits
+) -> tuple[Ticks, Ticks, tuple[PlaneEntry, ...], int]:
+    """Timing, plane table and the offset of the first plane; the planes end with the payload."""
+    limits.check("gaussians", head.most_drawn, "the number of Gaussians in a GOP")
+    limits.check("gop_frames", head.frames, "the number of frames in a GOP")
+    pts, durations, offset = unpack_timing(payload, GOP_HEAD_BYTES, head.start_pts, head.frames)
+    if (int(pts[-1]), int(durations[-1])) != (head.last_pts, head.last_duration):
+        raise CorruptError(
+            f"last frame at {pts[-1]} for {durations[-1]} ticks, "
+            f"the GOP's head says {head.last_pts} for {head.last_duration}"
+        )
+    entries, offset = parse_plane_table(payload, offset, head.planes, _shape(head).planes())
+    return pts, durations, entries, offset
+
+
+def _shape(head: GopHead) -> Shape:
+    return Shape(head.gaussians, head.grid, head.scene_gaussians)
+
+
+def _gop(values: dict[str, Float32Array], head: GopHead) -> Gop:
+    """The GOP of these values; attributes that had no plane are empty."""
+    gx, gy, gt = head.grid
+    sizes = {"gaussians": (head.gaussians,), "xy": (gy, gx), "xt": (gt, gx), "yt": (gt, gy)}
+    for attribute in ATTRIBUTES:
+        if attribute.name not in values:
+            tail = (attribute.components,) if attribute.components > 1 else ()
+            values[attribute.name] = np.empty((*sizes[attribute.grid], *tail), np.float32)
+    return Gop(**{field.name: np.ascontiguousarray(values[field.name]) for field in fields(Gop)})

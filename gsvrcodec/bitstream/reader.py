@@ -1,0 +1,324 @@
+"""Reads a .gsvr file: by its index where that is valid, else chunk by chunk."""
+
+from __future__ import annotations
+
+import json
+import os
+from bisect import bisect_right
+from contextlib import suppress
+from functools import cached_property
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES, SceneEntry, parse_scene_head
+from gsvrcodec.bitstream.chunk import (
+    CRITICAL_TYPES,
+    END_TYPE,
+    HEAD_BYTES,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    METADATA_TYPE,
+    OVERHEAD_BYTES,
+    SCENE_TYPE,
+    SETTINGS_TYPE,
+    SIGNATURE,
+    STREAMS_TYPE,
+    ChunkEntry,
+    check_payload,
+    check_signature,
+    is_critical,
+    parse_chunk_head,
+)
+from gsvrcodec.bitstream.gop_head import SUMMARY_BYTES, GopEntry, parse_gop_head
+from gsvrcodec.bitstream.header import Header, parse_header
+from gsvrcodec.bitstream.index import END_CHUNK_BYTES, parse_end, parse_index
+from gsvrcodec.bitstream.recovery import walk
+from gsvrcodec.bitstream.source import Source
+from gsvrcodec.bitstream.tags import Tags, parse_tags
+from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.limits import Limits
+
+#: No version of the header is ever longer than this.
+_MAX_HEADER_BYTES = 4096
+
+
+class GsvrReader:
+    """Header, GOPs and auxiliary chunks of a file; payloads are read when asked for.
+
+    Safe to use from several threads.
+
+    Args:
+        source: Path, or a seekable binary stream, which stays open.
+        limits: What to accept, None = `Limits.from_environment()`.
+
+    Raises:
+        InputError: The file cannot be read.
+        NotGsvrError: It is something else.
+        CorruptError: Its header is damaged, or no GOP of it is whole.
+        UnsupportedError: It needs something this version does not have.
+        LimitError: It is over `limits`.
+    """
+
+    def __init__(
+        self, source: str | os.PathLike[str] | BinaryIO, limits: Limits | None = None
+    ) -> None:
+        self._limits = limits or Limits.from_environment()
+        self._source = Source(source)
+        try:
+            self._open()
+        except BaseException:
+            self._source.close()
+            raise
+
+    def _open(self) -> None:
+        start = self._source.read(0, min(len(SIGNATURE), self._source.size))
+        check_signature(start)
+        head, self._header = self._read_header()
+        warnings: list[str] = []
+        try:
+            chunks, gops = self._read_index(head.end)
+            self._recovered = False
+        except CorruptError as error:
+            warnings.append(f"no valid index ({error}); the file was searched for GOPs instead")
+            found = walk(self._source, head.end, self._limits)
+            chunks, gops = found.chunks, found.gops
+            warnings += found.warnings
+            self._recovered = True
+        self._chunks = (head, *chunks)
+        self._gops = tuple(gops)
+        self._first_frames = [gop.first_frame for gop in gops]
+        if not gops:
+            raise CorruptError("the file has no whole GOP; " + "; ".join(warnings))
+        self._warnings = (*warnings, *self._count_warnings())
+
+    @property
+    def header(self) -> Header:
+        """What holds for the whole file."""
+        return self._header
+
+    @property
+    def gops(self) -> tuple[GopEntry, ...]:
+        """The GOPs in frame order; only in a recovered file may there be frames between them."""
+        return self._gops
+
+    @property
+    def chunks(self) -> tuple[ChunkEntry, ...]:
+        """Every chunk in file order, with type, offset and payload size."""
+        return self._chunks
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of all GOPs and scenes together."""
+        return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.scenes)
+
+    @property
+    def frames(self) -> int:
+        """Number of the last frame plus one."""
+        return self._gops[-1].end_frame
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return self._source.size
+
+    @property
+    def recovered(self) -> bool:
+        """Whether there was no valid index: the file is damaged or was never finished."""
+        return self._recovered
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the file and does not keep it from being decoded."""
+        return self._warnings
+
+    def gop_of_frame(self, frame: int) -> int:
+        """Position in `gops` of the GOP that holds frame number `frame`.
+
+        Raises:
+            IndexError: The file ends before it, or it is negative.
+            CorruptError: It was lost.
+        """
+        if not 0 <= frame < self.frames:
+            raise IndexError(f"frame {frame} of {self.frames}")
+        position = bisect_right(self._first_frames, frame) - 1
+        if position < 0 or frame >= self._gops[position].end_frame:
+            raise CorruptError(f"frame {frame} is lost")
+        return position
+
+    def read_gop(self, position: int) -> bytes:
+        """The payload of `gops[position]`, checked against its CRC, its entry and the header.
+
+        Raises:
+            CorruptError: It is damaged, does not match the index, or is over the header's maxima.
+            LimitError: It is over the reader's limits.
+        """
+        entry = self._gops[position]
+        payload = self.read_chunk(entry.chunk)
+        try:
+            head = parse_gop_head(payload)
+            if payload[:SUMMARY_BYTES] != entry.summary_bytes():
+                raise CorruptError("the GOP is not the one that the index names")
+            head.check_maxima(self._header)
+        except CorruptError as error:
+            raise error.located(entry.chunk.name, entry.offset) from None
+        return payload
+
+    def find_scene(self, number: int, position: int) -> SceneEntry:
+        """The scene that `gops[position]` calls `number`, for `read_chunk`.
+
+        Raises:
+            CorruptError: It is lost, or does not stand before the GOP.
+        """
+        for scene in self.scenes:
+            if scene.number == number and scene.chunk.offset < self._gops[position].offset:
+                return scene
+        raise CorruptError(f"scene {number} is lost")
+
+    def read_chunk(self, chunk: ChunkEntry) -> bytes:
+        """The payload of one of `chunks`, checked against its CRC.
+
+        Raises:
+            CorruptError: It is damaged, or its head is not what the index says.
+            LimitError: It is over the reader's limits.
+        """
+        if chunk.end > self._source.size:
+            raise CorruptError(
+                f"{chunk.size} bytes, past the end of the file",
+                chunk=chunk.name,
+                offset=chunk.offset,
+            )
+        self._limits.check("chunk_bytes", chunk.size, f"the size of chunk {chunk.name}")
+        data = self._source.read(chunk.offset, OVERHEAD_BYTES + chunk.size)
+        try:
+            if parse_chunk_head(data[:HEAD_BYTES], chunk.offset) != chunk:
+                raise CorruptError("the chunk is not the one that the index names")
+            return check_payload(chunk, data[HEAD_BYTES:])
+        except CorruptError as error:
+            raise error.located(chunk.name, chunk.offset) from None
+
+    def auxiliary(self, kind: bytes) -> bytes | None:
+        """The payload of the first chunk of this type, None if there is none.
+
+        Raises:
+            CorruptError: It is damaged.
+            LimitError: It is over the reader's limits.
+        """
+        for chunk in self._chunks:
+            if chunk.type == kind:
+                if kind in (SETTINGS_TYPE, METADATA_TYPE):
+                    self._limits.check("metadata_bytes", chunk.size, f"chunk {chunk.name}")
+                return self.read_chunk(chunk)
+        return None
+
+    def settings(self) -> dict[str, Any]:
+        """The encoder's settings from chunk sett, empty if there is none.
+
+        Raises:
+            CorruptError: It is damaged, or not a JSON object.
+            LimitError: It is over the reader's limits.
+        """
+        payload = self.auxiliary(SETTINGS_TYPE)
+        if payload is None:
+            return {}
+        try:
+            value = json.loads(payload.decode("utf-8"))
+        except (ValueError, RecursionError):
+            value = None
+        if not isinstance(value, dict):
+            raise CorruptError("not a JSON object in UTF-8", chunk=SETTINGS_TYPE.decode())
+        return value
+
+    def tags(self) -> Tags:
+        """Titles, languages and chapters from chunk meta, empty if there is none.
+
+        Raises:
+            CorruptError: It is damaged, or breaks a rule of the spec.
+            LimitError: It is over the reader's limits.
+        """
+        payload = self.auxiliary(METADATA_TYPE)
+        return Tags() if payload is None else parse_tags(payload)
+
+    @cached_property
+    def scenes(self) -> tuple[SceneEntry, ...]:
+        """The scenes whose heads can be read, in file order; none out of turn."""
+        found: list[SceneEntry] = []
+        for chunk in self._chunks:
+            if chunk.type == SCENE_TYPE and chunk.size >= SCENE_HEAD_BYTES:
+                start = self._source.read(chunk.payload_offset, SCENE_HEAD_BYTES)
+                with suppress(CorruptError):
+                    head = parse_scene_head(start)
+                    if not found or head.number > found[-1].number:
+                        found.append(SceneEntry(head.number, head.gaussians, head.planes, chunk))
+        return tuple(found)
+
+    @property
+    def streams(self) -> tuple[ChunkEntry, ...]:
+        """The chunks strm, each a small file with one copied stream, for `read_chunk`."""
+        return tuple(chunk for chunk in self._chunks if chunk.type == STREAMS_TYPE)
+
+    def close(self) -> None:
+        """Close the file, if the reader opened it."""
+        self._source.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _read_header(self) -> tuple[ChunkEntry, Header]:
+        offset = len(SIGNATURE)
+        if self._source.size < offset + OVERHEAD_BYTES:
+            raise CorruptError("cut short in the header", chunk="HEAD", offset=offset)
+        chunk = parse_chunk_head(self._source.read(offset, HEAD_BYTES), offset)
+        if chunk.type != HEAD_TYPE:
+            raise CorruptError(
+                f"the first chunk is {chunk.name}, expected HEAD", chunk=chunk.name, offset=offset
+            )
+        if chunk.size > _MAX_HEADER_BYTES or chunk.end > self._source.size:
+            raise CorruptError(f"header of {chunk.size} bytes", chunk="HEAD", offset=offset)
+        payload = self.read_chunk(chunk)
+        try:
+            return chunk, parse_header(payload, self._limits)
+        except CorruptError as error:
+            raise error.located(chunk.name, offset) from None
+
+    def _read_index(self, start: int) -> tuple[list[ChunkEntry], list[GopEntry]]:
+        """All chunks after the header, which ends at `start`, and the GOPs among them."""
+        size = self._source.size
+        end_offset = size - END_CHUNK_BYTES
+        if end_offset < start:
+            raise CorruptError("the end chunk is missing")
+        end_chunk = parse_chunk_head(self._source.read(end_offset, HEAD_BYTES), end_offset)
+        if end_chunk.type != END_TYPE or end_chunk.end != size:
+            raise CorruptError("the end chunk is missing")
+        index_offset = parse_end(self.read_chunk(end_chunk), size)
+        if index_offset < start:
+            raise CorruptError(f"index at byte {index_offset}")
+        index_chunk = parse_chunk_head(self._source.read(index_offset, HEAD_BYTES), index_offset)
+        if index_chunk.type != INDEX_TYPE or index_chunk.end != end_offset:
+            raise CorruptError(f"no index at byte {index_offset}")
+        chunks, gops = parse_index(self.read_chunk(index_chunk), start, index_offset, self._limits)
+        for chunk in chunks:
+            if is_critical(chunk.type) and chunk.type not in CRITICAL_TYPES:
+                raise UnsupportedError(
+                    f"chunk {chunk.name} at byte {chunk.offset} is needed to decode this file, "
+                    "and this decoder does not know it"
+                )
+        return [*chunks, index_chunk, end_chunk], gops
+
+    def _count_warnings(self) -> list[str]:
+        """Counts of the header that the content contradicts; the content wins."""
+        warnings = []
+        for what, declared, found in (
+            ("frames", self._header.frames, self.frames),
+            ("GOPs", self._header.gops, len(self._gops)),
+        ):
+            if declared not in (0, found):
+                warnings.append(f"the header says {declared} {what}, the file has {found}")
+        return warnings

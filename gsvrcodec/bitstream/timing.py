@@ -1,0 +1,89 @@
+"""Timestamps of a GOP: run-length coding and normalised time (spec section "Timing")."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.model.time import Ticks
+
+#: 63 bits in groups of seven.
+_MAX_VARINT_BYTES = 9
+
+
+def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
+    """Runs of (frames, step to the next timestamp, duration), each number a varint.
+
+    Args:
+        pts: Shape (F,), strictly increasing, ticks.
+        durations: Shape (F,), at least 0, ticks.
+
+    Raises:
+        ValueError: The timestamps do not increase, or a duration is negative.
+    """
+    steps = np.diff(pts)
+    if (steps <= 0).any() or (durations < 0).any():
+        raise ValueError("timestamps must increase and durations must not be negative")
+    # Nothing comes after the last frame: give it the step that makes its run longest.
+    last = steps[-1:] if len(steps) else np.maximum(durations[-1:], 1)
+    pairs = np.stack([np.append(steps, last), durations], axis=1)
+    starts = np.flatnonzero(np.append(True, (pairs[1:] != pairs[:-1]).any(axis=1)))
+    counts = np.diff(np.append(starts, len(pts)))
+    out = bytearray()
+    for count, (step, duration) in zip(counts, pairs[starts], strict=True):
+        for number in (count, step, duration):
+            _put_varint(out, int(number))
+    return bytes(out)
+
+
+def unpack_timing(
+    data: bytes, offset: int, start_pts: int, frames: int
+) -> tuple[Ticks, Ticks, int]:
+    """Read runs from `offset` until they hold `frames` frames.
+
+    Returns:
+        Timestamps and durations, shape (frames,) each, and the offset after the last run.
+
+    Raises:
+        CorruptError: A run is empty, too long, cut short, or has step 0.
+    """
+    counts: list[int] = []
+    steps: list[int] = []
+    durations: list[int] = []
+    left = frames
+    while left:
+        count, offset = _take_varint(data, offset)
+        step, offset = _take_varint(data, offset)
+        duration, offset = _take_varint(data, offset)
+        if not 1 <= count <= left:
+            raise CorruptError(f"timing run of {count} frames where {left} are left")
+        if not 1 <= step < 1 << 62 or duration >= 1 << 62:
+            raise CorruptError(f"timing run with step {step} and duration {duration}")
+        left -= count
+        counts.append(count)
+        steps.append(step)
+        durations.append(duration)
+    if start_pts + sum(c * s for c, s in zip(counts, steps, strict=True)) >= 1 << 63:
+        raise CorruptError("timestamps overflow")
+    all_steps = np.repeat(np.array(steps, np.int64), counts)
+    pts = np.cumsum(np.concatenate([[np.int64(start_pts)], all_steps[:-1]]), dtype=np.int64)
+    return pts, np.repeat(np.array(durations, np.int64), counts), offset
+
+
+def _put_varint(out: bytearray, number: int) -> None:
+    """Seven bits a byte, lowest first, the high bit set on all but the last."""
+    while number > 0x7F:
+        out.append(0x80 | number & 0x7F)
+        number >>= 7
+    out.append(number)
+
+
+def _take_varint(data: bytes, offset: int) -> tuple[int, int]:
+    number = 0
+    for position, byte in enumerate(data[offset : offset + _MAX_VARINT_BYTES]):
+        number |= (byte & 0x7F) << 7 * position
+        if byte < 0x80:
+            if position and not byte:
+                break
+            return number, offset + position + 1
+    raise CorruptError("timing run cut short or with an overlong number")

@@ -1,0 +1,188 @@
+"""Writes a .gsvr file, chunk by chunk; what is written so far can always be recovered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from gsvrcodec.bitstream.background_head import parse_scene_head
+from gsvrcodec.bitstream.chunk import (
+    END_TYPE,
+    GOP_TYPE,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    OVERHEAD_BYTES,
+    SCENE_TYPE,
+    SIGNATURE,
+    STRUCTURAL_TYPES,
+    ChunkEntry,
+    Payload,
+    chunk_bytes,
+    chunk_parts,
+    is_critical,
+)
+from gsvrcodec.bitstream.gop_head import GopEntry, parse_gop_head, unpack_summary
+from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.index import END_CHUNK_BYTES, end_payload, index_bytes, index_payload
+
+
+class GsvrWriter:
+    """Puts header, GOPs and auxiliary chunks into a file, and the index behind them.
+
+    The header's maxima and counts are kept by the writer: the header chunk, which never changes
+    its size, is written again whenever a GOP raises a maximum and once more by `close`.
+
+    Args:
+        file: Empty, writable and seekable; stays open after `close`.
+        header: Picture, colour and time base; its maxima and counts are ignored.
+    """
+
+    def __init__(self, file: BinaryIO, header: Header):
+        self._file = file
+        self._header = replace(
+            header, max_gaussians=0, max_gop_frames=0, max_grid=(0, 0, 0), frames=0, gops=0
+        )
+        self._chunks: list[ChunkEntry] = []
+        self._gops: list[GopEntry] = []
+        self._scenes: dict[int, int] = {}
+        self._closed = False
+        start = SIGNATURE + chunk_bytes(HEAD_TYPE, self._header.to_bytes())
+        file.seek(0)
+        file.write(start)
+        self._end = len(start)
+
+    @property
+    def header(self) -> Header:
+        """The header as it stands in the file now."""
+        return self._header
+
+    @property
+    def gops(self) -> tuple[GopEntry, ...]:
+        """The GOPs written so far."""
+        return tuple(self._gops)
+
+    @property
+    def gaussians(self) -> int:
+        """Gaussians of all GOPs and scenes written so far."""
+        return sum(gop.gaussians for gop in self._gops) + sum(self._scenes.values())
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._end
+
+    def add_scene(self, payload: bytes) -> None:
+        """Append a background, as `pack_background` gives it, before the first GOP that shows it.
+
+        Raises:
+            ValueError: The payload has no head of a scene, or not a greater number than the last.
+        """
+        head = parse_scene_head(payload)
+        if head.number <= max(self._scenes, default=0):
+            raise ValueError(f"scene {head.number} after scene {max(self._scenes)}")
+        self._append(SCENE_TYPE, payload)
+        self._scenes[head.number] = head.gaussians
+
+    def add_gop(self, payload: bytes) -> GopEntry:
+        """Append a GOP, as packed by `gsvrcodec.bitstream.gop_payload.pack_gop`.
+
+        Returns:
+            Its place in the file and in time, read from the payload's head.
+
+        Raises:
+            ValueError: The payload does not start with a GOP head that continues the last GOP, or
+                its scene was not added.
+        """
+        head = parse_gop_head(payload)
+        if self._scenes.get(head.scene, 0) != head.scene_gaussians:
+            raise ValueError(f"the GOP shows scene {head.scene}, which was not added")
+        entry = unpack_summary(payload, ChunkEntry(GOP_TYPE, self._end, len(payload)))
+        entry.check_follows(self._gops[-1] if self._gops else None)
+        most = self._header.max_grid
+        self._rewrite_header(
+            replace(
+                self._header,
+                max_gaussians=max(self._header.max_gaussians, head.most_drawn),
+                max_gop_frames=max(self._header.max_gop_frames, head.frames),
+                max_grid=(
+                    max(most[0], head.grid[0]),
+                    max(most[1], head.grid[1]),
+                    max(most[2], head.grid[2]),
+                ),
+            )
+        )
+        self._append(GOP_TYPE, payload)
+        self._gops.append(entry)
+        return entry
+
+    def add_auxiliary(self, kind: bytes, payload: Payload) -> None:
+        """Append a chunk that a decoder may skip.
+
+        Args:
+            kind: Four ASCII letters, the first in lower case; b"sett" holds encoder settings.
+            payload: Its bytes.
+
+        Raises:
+            ValueError: `kind` is not such a type, or is one that the writer keeps to itself.
+        """
+        if is_critical(kind) or kind in STRUCTURAL_TYPES:
+            raise ValueError(f"{kind!r} is not the type of an auxiliary chunk")
+        self._append(kind, payload)
+
+    def final_size(self, chunks: int, payload_bytes: int) -> int:
+        """Bytes of the closed file after so many more chunks with so many bytes together."""
+        index = index_bytes(len(self._chunks) + chunks)
+        return self._end + chunks * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
+
+    def close(self) -> None:
+        """Write the index and the final header; without this the file counts as cut short.
+
+        Raises:
+            ValueError: No GOP was added.
+        """
+        if self._closed:
+            return
+        if not self._gops:
+            raise ValueError("a .gsvr file needs at least one GOP")
+        index_offset = self._end
+        index = chunk_bytes(INDEX_TYPE, index_payload(self._chunks, self._gops))
+        file_size = index_offset + len(index) + END_CHUNK_BYTES
+        self._file.seek(index_offset)
+        self._file.write(index + chunk_bytes(END_TYPE, end_payload(index_offset, file_size)))
+        self._end = file_size
+        self._rewrite_header(
+            replace(self._header, frames=self._gops[-1].end_frame, gops=len(self._gops))
+        )
+        self._file.flush()
+        self._closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+
+    def _append(self, kind: bytes, payload: Payload) -> None:
+        if self._closed:
+            raise ValueError("the file is closed")
+        entry = ChunkEntry(kind, self._end, len(payload))
+        self._file.seek(self._end)
+        for part in chunk_parts(kind, payload):
+            self._file.write(part)
+        self._chunks.append(entry)
+        self._end = entry.end
+
+    def _rewrite_header(self, header: Header) -> None:
+        """Put `header` in the place of the old one, if it differs."""
+        if header == self._header:
+            return
+        self._file.seek(len(SIGNATURE))
+        self._file.write(chunk_bytes(HEAD_TYPE, header.to_bytes()))
+        self._header = header

@@ -1,1 +1,0 @@
-"""The file format as bytes: chunks, header, index; standard library alone."""

@@ -1,0 +1,1 @@
+"""From a .gsvr file to pictures; `decoder.decoder` is where to start."""

@@ -1,0 +1,403 @@
+"""Decoding: container, planes, model, rendering, frames; any frame, in any order."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from fractions import Fraction
+from itertools import groupby, islice, zip_longest
+from math import ceil, floor, prod
+from types import TracebackType
+from typing import Self, overload
+
+import numpy as np
+
+from gsvrcodec.bitstream.tags import StreamTags
+from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata, Samples
+from gsvrcodec.decoder.gop_cache import GopStore
+from gsvrcodec.decoder.pictures import PictureMaker, Size, picture_size
+from gsvrcodec.errors import CorruptError, LimitError
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.layers import Layers
+from gsvrcodec.render.device import choose_device
+
+_log = logging.getLogger(__name__)
+
+#: Frames rendered together while iterating: at most this many, and this many bytes.
+_BATCH_FRAMES = 16
+_BATCH_BYTES = 32 * 2**20
+
+
+class Decoder:
+    """The frames of a .gsvr file. Safe to use from several threads."""
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        size: Size | None = None,
+        layers: Layers = "all",
+        bit_depth: int | None = 8,
+        threads: int = 0,
+        device: str = "cpu",
+        arrays: bool = False,
+        limits: Limits | None = None,
+        keep_going: bool = False,
+    ) -> None:
+        """Open a file; see `open`."""
+        device = choose_device(device)
+        self._limits = limits or Limits.from_environment()
+        self._store = GopStore(path, self._limits)
+        self._reader = self._store.reader
+        self._keep_going = keep_going
+        self.lost_frames = 0  #: pictures that iteration had to leave out, for `keep_going`
+        try:
+            self._check_whole()
+            self.metadata = Metadata.of(self._reader)  #: the facts about the whole video
+            if bit_depth is None:
+                bit_depth = 8 if self.metadata.bit_depth <= 8 else 10
+            self._maker = PictureMaker(
+                coded_size=self._coded_size,
+                size=picture_size(size, self._coded_size, self._limits),
+                layers=layers,
+                bit_depth=bit_depth,
+                threads=threads,
+                device=device,
+                tensors=device != "cpu" and not arrays,
+            )
+        except BaseException:
+            self._store.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the decoder itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; asking for frames then raises `ValueError`."""
+        self._store.close()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures that it gives, pixels."""
+        return self._maker.size
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits of a sample of the pictures that it gives."""
+        return self._maker.bit_depth
+
+    @property
+    def batch(self) -> int:
+        """How many pictures are rendered together, and in memory, while iterating."""
+        picture_bytes = 3 * prod(self.size) * (1 if self.bit_depth == 8 else 2)
+        return max(1, min(_BATCH_FRAMES, _BATCH_BYTES // picture_bytes))
+
+    @property
+    def recovered(self) -> bool:
+        """Whether the file is cut short or damaged, and was opened with `keep_going`."""
+        return self._reader.recovered
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the file and does not keep it from being decoded."""
+        return self._reader.warnings
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self._reader.frames
+
+    @overload
+    def __getitem__(self, key: int) -> Frame: ...
+    @overload
+    def __getitem__(self, key: slice) -> FrameBatch: ...
+    def __getitem__(self, key: int | slice) -> Frame | FrameBatch:
+        """Return frame `key`, from the end if negative, or the frames of a slice."""
+        if isinstance(key, slice):
+            return self.get_frames_at(range(*key.indices(len(self))))
+        return self.get_frame_at(key)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield all frames in order."""
+        return self.frames()
+
+    def get_frame_at(self, index: int) -> Frame:
+        """Return one frame.
+
+        Args:
+            index: its number, from 0; -1 = the last.
+
+        Raises:
+            IndexError: there is no such frame.
+            CorruptError: its GOP is damaged.
+            ValueError: the decoder is closed.
+        """
+        return self.get_frames_at([index])[0]
+
+    def get_frames_at(self, indices: Sequence[int]) -> FrameBatch:
+        """Return frames in the order of `indices`; a number may come twice. Raises as above."""
+        self._store.check_open()
+        numbers = [self._number(index) for index in indices]
+        count = len(numbers)
+        data = self._maker.empty(count, self.size)
+        pts, durations = np.empty(count, np.int64), np.empty(count, np.int64)
+        start = 0
+        for position, group in groupby(numbers, self._reader.gop_of_frame):
+            content = self._store.get(position)
+            inside = np.fromiter(group, np.int64) - content.first_frame
+            part = slice(start, start + len(inside))
+            pts[part], durations[part] = content.pts[inside], content.durations[inside]
+            self._maker.frames(content, inside, self.size, data[part])
+            start = part.stop
+        base = self._reader.header.time_base
+        return FrameBatch(
+            data=data,
+            index=np.array(numbers, np.int64),
+            pts=pts,
+            duration=durations,
+            pts_seconds=np.array([float(tick * base) for tick in pts.tolist()]),
+            duration_seconds=np.array([float(tick * base) for tick in durations.tolist()]),
+        )
+
+    def get_frame_played_at(self, seconds: float | Fraction) -> Frame:
+        """Return the frame on screen at a time.
+
+        Raises:
+            ValueError: nothing is shown then, or the decoder is closed.
+        """
+        return self.get_frame_at(self._played_at(seconds))
+
+    def get_frames_played_in_range(
+        self, start_seconds: float | Fraction, stop_seconds: float | Fraction
+    ) -> FrameBatch:
+        """Return the frames on screen from `start_seconds` up to, not at, `stop_seconds`.
+
+        Raises:
+            ValueError: the range is turned round or reaches out of the video.
+        """
+        ticks = self.metadata.ticks(stop_seconds)
+        if start_seconds > stop_seconds or ticks > self.metadata.ticks(self.metadata.end_seconds):
+            raise ValueError(f"{start_seconds} s to {stop_seconds} s: {self.metadata.span}")
+        first = self._played_at(start_seconds)
+        if start_seconds == stop_seconds:
+            return self.get_frames_at([])
+        last = self._store.frame_at(ceil(ticks) - 1)
+        return self.get_frames_at(range(first, last + 1))
+
+    def streams(self) -> Iterator[tuple[StreamTags, bytes]]:
+        """Yield the sound and subtitles that were copied from the source, and what they are.
+
+        Each is a small MP4, QuickTime, Matroska or NUT file with one stream, on the clock of the
+        frames' timestamps. Damaged ones are left out with a warning.
+        """
+        self._store.check_open()
+        for tags, chunk in zip_longest(self.metadata.tags.streams, self._reader.streams):
+            if chunk is not None:
+                try:
+                    yield tags or StreamTags(), self._reader.read_chunk(chunk)
+                except (CorruptError, LimitError) as error:
+                    _log.warning("a copied stream is left out: %s", error)
+
+    def render(self, seconds: float | Fraction, size: Size | None = None) -> Samples:
+        """Return the picture at any time, between frames too.
+
+        At the timestamp of a frame it is that frame. In between, the Gaussians are where their
+        motion takes them. The motion of a GOP ends with its last frame: from there to the first
+        frame of the next one fades into the other, or stays if the two are different scenes.
+
+        Args:
+            seconds: from when the first frame appears until before the last one ends; a fraction
+                for a time that no float hits.
+            size: width and height in pixels, -1 = what keeps the shape; or a factor for both;
+                None = that of the decoder.
+
+        Returns:
+            (H, W, 3), uint8, or uint16 for a bit depth over 8.
+
+        Raises:
+            CorruptError: the GOP is damaged.
+            LimitError: the size is over the limits.
+            UsageError: the size makes no sense.
+            ValueError: nothing is shown at that time, or the decoder is closed.
+        """
+        picture: Samples = self.render_many([seconds], size)[0]
+        return picture
+
+    def render_many(self, seconds: Iterable[float | Fraction], size: Size | None = None) -> Samples:
+        """Return the pictures at several times, (F, H, W, 3), in their order; see `render`."""
+        self._store.check_open()
+        pixels = self.size
+        if size is not None:
+            pixels = picture_size(size, self._coded_size, self._limits)
+        ticks = [self.metadata.shown(moment) for moment in seconds]
+        data, start = self._maker.empty(len(ticks), pixels), 0
+        for (position, between), group in groupby(ticks, self._place):
+            content, moments = self._store.get(position), list(group)
+            part = data[start : start + len(moments)]
+            if between:
+                self._maker.fade(content, self._store.get(position + 1), moments, pixels, part)
+            else:
+                self._maker.moments(content, moments, pixels, part)
+            start += len(moments)
+        return data
+
+    def rendered(self, seconds: Iterable[float | Fraction]) -> Iterator[tuple[int, Samples]]:
+        """Yield the number and the picture of each of many times, few of them in memory.
+
+        With `keep_going`, pictures of damaged GOPs are left out and counted.
+        """
+        self._store.check_open()
+        numbered = enumerate(map(self.metadata.shown, seconds))
+        base = self._reader.header.time_base
+        for (position, _), group in groupby(numbered, lambda one: self._place(one[1])):
+            while batch := list(islice(group, self.batch)):
+                self._store.prefetch(position + 1)
+                numbers, ticks = zip(*batch, strict=True)
+                try:
+                    pictures = self.render_many([tick * base for tick in ticks])
+                except CorruptError as error:
+                    first, last = (float(tick * base) for tick in (ticks[0], ticks[-1]))
+                    self._lose(len(batch), f"pictures from {first:.6g} s to {last:.6g} s", error)
+                else:
+                    yield from zip(numbers, pictures, strict=True)
+
+    def starts_at(self, index: int) -> Fraction:
+        """Return when a frame appears, seconds; raises as `get_frame_at`."""
+        self._store.check_open()
+        number = self._number(index)
+        gop = self._reader.gop_of_frame(number)
+        entry, base = self._reader.gops[gop], self._reader.header.time_base
+        if number == entry.first_frame:
+            return entry.start_pts * base
+        return int(self._store.get(gop).pts[number - entry.first_frame]) * base
+
+    def first_frame_from(self, seconds: float | Fraction) -> int:
+        """Return the number of the first frame that starts at a time or later; it may be the end.
+
+        Raises:
+            CorruptError: the GOP that plays at that time is damaged.
+            ValueError: the time is not finite, or the decoder is closed.
+        """
+        self._store.check_open()
+        ticks = ceil(self.metadata.ticks(seconds))
+        if ticks <= self._reader.gops[0].start_pts:
+            return 0
+        return self._store.frame_at(ticks - 1) + 1
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+        """Yield frames `start` up to `stop`, None = to the end, with few of them in memory.
+
+        With `keep_going`, frames that are damaged or lost are left out and counted.
+        """
+        self._store.check_open()
+        stop = len(self) if stop is None else min(stop, len(self))
+        batch = self.batch
+        while start < stop:
+            end = min(self._store.run_end(start), start + batch, stop)
+            try:
+                if self._store.run_end(start) < stop:
+                    self._store.prefetch(self._reader.gop_of_frame(start) + 1)
+                frames = self.get_frames_at(range(start, end))
+            except CorruptError as error:
+                end = min(self._store.run_end(start), stop)
+                self._lose(end - start, f"frames {start} to {end - 1}", error)
+            else:
+                yield from frames
+            start = end
+
+    def _place(self, ticks: Fraction) -> tuple[int, bool]:
+        """Return the position of the GOP that plays, and whether it fades into the next one."""
+        return self._store.position_at(ticks), self._store.is_between(ticks)
+
+    def _lose(self, count: int, what: str, error: CorruptError) -> None:
+        """Count and report pictures that are left out, or raise the `error` that costs them."""
+        if not self._keep_going:
+            raise error
+        self.lost_frames += count
+        _log.warning("%s are left out: %s", what, error)
+
+    @property
+    def _coded_size(self) -> tuple[int, int]:
+        """Width and height of the coded frame, pixels."""
+        return self._reader.header.width, self._reader.header.height
+
+    def _check_whole(self) -> None:
+        """Refuse a file that is cut short or damaged, unless `keep_going` is set."""
+        if self._reader.recovered and not self._keep_going:
+            found = sum(entry.frames for entry in self._reader.gops)
+            raise CorruptError(
+                f"the file is cut short or damaged: {self._reader.warnings[0]}; "
+                f"{found} frames were found, which --keep-going decodes"
+            )
+
+    def _number(self, index: int) -> int:
+        """Return a frame number from 0 for an index that may count from the end."""
+        number = index + len(self) if index < 0 else index
+        if not 0 <= number < len(self):
+            raise IndexError(f"frame {index} of a video of {len(self)} frames")
+        return number
+
+    def _played_at(self, seconds: float | Fraction) -> int:
+        """Return the number of the frame on screen at a time."""
+        self._store.check_open()
+        return self._store.frame_at(floor(self.metadata.shown(seconds)))
+
+
+def open(
+    path: str | os.PathLike[str],
+    *,
+    size: Size | None = None,
+    layers: Layers = "all",
+    bit_depth: int | None = 8,
+    threads: int = 0,
+    device: str = "cpu",
+    arrays: bool = False,
+    limits: Limits | None = None,
+    keep_going: bool = False,
+) -> Decoder:
+    """Open a .gsvr file for decoding.
+
+    Args:
+        path: the file.
+        size: of the pictures: width and height in pixels, where -1 is what keeps the shape and -2
+            the even number next to that; or a factor for both; None = as coded.
+        layers: "dynamic" = only the Gaussians that move otherwise than most, "static" = only the
+            others, "all".
+        bit_depth: bits of a sample, 8 to 16; None = 8, or 10 for a source of more than 8. Pictures
+            are uint8, or uint16 for more than 8 bits.
+        threads: to render with; 0 = GSVR_THREADS or all cores. Does not change the pictures.
+        device: what renders: "cpu", "cuda", "cuda:N", or "auto" = the first GPU if it is usable.
+            From a GPU pictures are torch tensors on it.
+        arrays: give NumPy arrays from a GPU too.
+        limits: what to accept; None = the defaults, or the environment's.
+        keep_going: also open a file that was cut short, and leave out damaged GOPs when iterating.
+
+    Raises:
+        InputError: the file cannot be read.
+        NotGsvrError: it is something else.
+        CorruptError: it is damaged.
+        UnsupportedError: it needs something this version does not have, or is over `limits`.
+        UsageError: there is no such size, depth, layer or device.
+        DeviceError: the GPU that was asked for is not usable.
+    """
+    return Decoder(
+        path,
+        size=size,
+        layers=layers,
+        bit_depth=bit_depth,
+        threads=threads,
+        device=device,
+        arrays=arrays,
+        limits=limits,
+        keep_going=keep_going,
+    )

@@ -1,0 +1,172 @@
+"""What a decoder gives: frames, batches of frames, and the facts about the whole video."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.bitstream.header import ColourInfo
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.tags import Tags
+from gsvrcodec.errors import CorruptError, LimitError
+
+_log = logging.getLogger(__name__)
+
+#: Ticks that a time in seconds may be away from the timestamp it was computed from.
+_TICK_TOLERANCE = Fraction(1, 10**6)
+
+#: RGB samples: uint8, or uint16 for a bit depth over 8. A decoder on a GPU gives torch tensors.
+Samples = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One decoded picture."""
+
+    data: Samples  #: (H, W, 3) red, green, blue
+    index: int  #: number in the video, from 0
+    pts: int  #: presentation time, ticks of the time base
+    duration: int  #: how long it is shown, ticks; 0 = not known
+    pts_seconds: float  #: presentation time, seconds
+    duration_seconds: float  #: how long it is shown, seconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameBatch:
+    """Several decoded pictures, in the order asked for."""
+
+    data: Samples  #: (F, H, W, 3) red, green, blue
+    index: NDArray[np.int64]  #: (F,) numbers in the video, from 0
+    pts: NDArray[np.int64]  #: (F,) presentation times, ticks of the time base
+    duration: NDArray[np.int64]  #: (F,) how long each is shown, ticks; 0 = not known
+    pts_seconds: NDArray[np.float64]  #: (F,) presentation times, seconds
+    duration_seconds: NDArray[np.float64]  #: (F,) how long each is shown, seconds
+
+    def __len__(self) -> int:
+        """Return the number of frames F."""
+        return len(self.data)
+
+    def __getitem__(self, position: int) -> Frame:
+        """Return one frame of the batch."""
+        return Frame(
+            data=self.data[position],
+            index=int(self.index[position]),
+            pts=int(self.pts[position]),
+            duration=int(self.duration[position]),
+            pts_seconds=float(self.pts_seconds[position]),
+            duration_seconds=float(self.duration_seconds[position]),
+        )
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames one by one."""
+        return (self[position] for position in range(len(self)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metadata:
+    """The video in a .gsvr file."""
+
+    width: int  #: pixels
+    height: int  #: pixels
+    frames: int  #: frames in the video
+    gops: int  #: groups of pictures
+    gaussians: int  #: of all GOPs and scenes together
+    time_base: Fraction  #: seconds a tick
+    begin_seconds: Fraction  #: when the first frame appears
+    end_seconds: Fraction  #: when the last frame ends
+    average_rate: Fraction  #: frames a second, mean
+    sample_aspect: Fraction  #: width of a pixel over its height
+    rotation: int  #: degrees clockwise that a player turns the picture by
+    mirrored: bool  #: whether a player mirrors the picture left to right before it turns it
+    bit_depth: int  #: bits a sample of the source
+    colour: ColourInfo  #: CICP tags of the source
+    version: str  #: of the bitstream
+    size_bytes: int  #: of the whole file
+    streams_bytes: int  #: of these, what copied sound and other streams take
+    settings: dict[str, Any]  #: what the encoder was told; empty = not recorded
+    tags: Tags  #: titles, languages and chapters; empty = the source had none
+
+    @property
+    def duration_seconds(self) -> Fraction:
+        """How long the video runs, seconds."""
+        return self.end_seconds - self.begin_seconds
+
+    @property
+    def bpp(self) -> float:
+        """Bits a pixel and frame, copied streams left out."""
+        bits = 8 * (self.size_bytes - self.streams_bytes)
+        return bits / (self.frames * self.width * self.height)
+
+    def ticks(self, seconds: float | Fraction) -> Fraction:
+        """Return a time in ticks and parts of one; a whole number if it is all but one."""
+        if not isfinite(seconds):
+            raise ValueError(f"a time in seconds must be finite, not {seconds}")
+        ticks = Fraction(seconds) / self.time_base
+        whole = round(ticks)
+        return Fraction(whole) if abs(ticks - whole) <= _TICK_TOLERANCE else ticks
+
+    def shown(self, seconds: float | Fraction) -> Fraction:
+        """Return a time in ticks; raise `ValueError` if nothing is on screen then."""
+        ticks = self.ticks(seconds)
+        if not self.begin_seconds <= ticks * self.time_base < self.end_seconds:
+            raise ValueError(f"nothing is shown at {seconds} s: {self.span}")
+        return ticks
+
+    @property
+    def span(self) -> str:
+        """When the video starts and ends, for messages."""
+        begin, end = float(self.begin_seconds), float(self.end_seconds)
+        return f"the video runs from {begin:.6g} s to {end:.6g} s"
+
+    @classmethod
+    def of(cls, reader: GsvrReader) -> Metadata:
+        """Return what header, index and settings say; no GOP is read."""
+        header, gops = reader.header, reader.gops
+        begin = gops[0].start_pts * header.time_base
+        end = (gops[-1].last_pts + max(gops[-1].last_duration, 1)) * header.time_base
+        return cls(
+            width=header.width,
+            height=header.height,
+            frames=reader.frames,
+            gops=len(gops),
+            gaussians=reader.gaussians,
+            time_base=header.time_base,
+            begin_seconds=begin,
+            end_seconds=end,
+            average_rate=reader.frames / (end - begin),
+            sample_aspect=header.sample_aspect,
+            rotation=header.rotation,
+            mirrored=header.mirrored,
+            bit_depth=header.bit_depth,
+            colour=header.colour,
+            version=header.version,
+            size_bytes=reader.size,
+            streams_bytes=sum(chunk.end - chunk.offset for chunk in reader.streams),
+            settings=_settings(reader),
+            tags=_tags(reader),
+        )
+
+
+def _settings(reader: GsvrReader) -> dict[str, Any]:
+    """Return the encoder's settings; no picture depends on them, so damage only warns."""
+    try:
+        return reader.settings()
+    except CorruptError as error:
+        _log.warning("the encoder's settings cannot be read: %s", error)
+        return {}
+
+
+def _tags(reader: GsvrReader) -> Tags:
+    """Return titles and chapters; no picture depends on them, so damage only warns."""
+    try:
+        return reader.tags()
+    except (CorruptError, LimitError) as error:
+        _log.warning("titles and chapters cannot be read: %s", error)
+        return Tags()

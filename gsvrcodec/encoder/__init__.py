@@ -1,0 +1,1 @@
+"""From a video to a .gsvr file; `encoder.encode` tells the story."""

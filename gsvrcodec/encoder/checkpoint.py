@@ -1,0 +1,289 @@
+"""Finished GOPs, kept beside the output until it is whole, so that an encode can be resumed.
+
+The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature of its own:
+
+    plan  JSON object: what the encode was begun with
+    step  JSON: what the first pass over the input found, so that it need not be made again
+    scne  a finished scene: its payload
+    part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
+
+Nothing is believed without its CRC; what a kill or a power cut left half-written is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from gsvrcodec.bitstream.background_head import parse_scene_head
+from gsvrcodec.bitstream.chunk import (
+    HEAD_BYTES,
+    OVERHEAD_BYTES,
+    ChunkEntry,
+    check_payload,
+    chunk_bytes,
+    parse_chunk_head,
+)
+from gsvrcodec.errors import CorruptError, OutputError
+from gsvrcodec.files import lock, named, remove_partials
+
+_SIGNATURE = b"\x89GSP\r\n\x1a\n"
+_PLAN, _ANALYSIS, _SCENE, _PART = b"plan", b"step", b"scne", b"part"
+_LENGTH = struct.Struct("<I")
+
+
+class Parts:
+    """The finished GOPs of one encode; only one process at a time has them.
+
+    As a context manager: when the block succeeds the file is removed; when it fails the file
+    stays if it holds a GOP, and the error gets a note that says how to go on.
+
+    Args:
+        target: the output; None = nothing is to be kept.
+        plan: all that the content depends on, as JSON.
+        resume: go on with what is there.
+        restart: throw away what is there, unless `resume`.
+
+    Raises:
+        OutputError: another process has them; something is there and neither `resume` nor
+            `restart` is set; it was begun with another plan; it cannot be read or written.
+    """
+
+    def __init__(
+        self, target: Path | None, plan: Mapping[str, Any], *, resume: bool, restart: bool
+    ) -> None:
+        self._entries: dict[range, tuple[dict[str, Any], ChunkEntry]] = {}
+        self._analysis: Any = None
+        self._scenes: dict[int, bytes] = {}
+        self._end = 0
+        self._file: BinaryIO
+        content: dict[str, Any] = json.loads(json.dumps(plan))
+        if target is None:
+            self.path: Path | None = None  #: of the file; None = it has no name
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115, closed by leaving the block
+            self._begin(content)
+            return
+        resolved = target.resolve()
+        self.path = resolved.with_name(f"{resolved.name}.part")
+        with named(self.path):
+            self._file = lock(self.path)
+            try:
+                remove_partials(resolved)  # with the lock, they are nobody's
+                self._open(content, resume=resume, restart=restart and not resume)
+            except BaseException:
+                self._file.close()
+                raise
+
+    def __enter__(self) -> Self:
+        """Return the parts themselves."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Remove the file, or keep it and say so in the error."""
+        if self.path is not None:
+            if error is None or not self._entries:
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
+            else:
+                count = len(self._entries)
+                error.add_note(
+                    f"{count} finished GOP{'s are' if count > 1 else ' is'} kept in {self.path}, "
+                    "--resume goes on from there"
+                )
+        self._file.close()
+
+    def __contains__(self, gop: range) -> bool:
+        """Tell whether a GOP is finished."""
+        return gop in self._entries
+
+    def __len__(self) -> int:
+        """Return how many GOPs are finished."""
+        return len(self._entries)
+
+    @property
+    def analysis(self) -> Any:
+        """What `keep_analysis` was given, as it comes back from JSON; None = nothing."""
+        return self._analysis
+
+    def keep_analysis(self, analysis: Any) -> None:
+        """Keep what the first pass over the input found."""
+        self._append(_ANALYSIS, json.dumps(analysis).encode())
+        self._analysis = analysis
+
+    @property
+    def scenes(self) -> int:
+        """How many scenes are finished."""
+        return len(self._scenes)
+
+    def scene(self, number: int) -> bytes | None:
+        """Return the payload of a finished scene, None if it is not there."""
+        return self._scenes.get(number)
+
+    def add_scene(self, payload: bytes) -> None:
+        """Keep a finished scene."""
+        self._append(_SCENE, payload)
+        self._scenes[parse_scene_head(payload).number] = payload
+
+    def add(self, gop: range, facts: Mapping[str, Any], payload: bytes) -> None:
+        """Keep a finished GOP; it is on the disk when this returns."""
+        text = json.dumps({"frames": [gop.start, gop.stop], "facts": facts}).encode()
+        entry = self._append(_PART, _LENGTH.pack(len(text)) + text + payload)
+        self._entries[gop] = dict(facts), entry
+
+    def facts(self, gop: range) -> dict[str, Any]:
+        """Return what was told of a GOP; KeyError if it is not there."""
+        return self._entries[gop][0]
+
+    def payload(self, gop: range) -> bytes:
+        """Return the payload of a GOP, read back from the file.
+
+        Raises:
+            OutputError: it is not what was written.
+        """
+        name = self.path or "the temporary file"
+        try:
+            with named(name):
+                return _split(self._read(self._entries[gop][1]))[2]
+        except CorruptError as error:
+            raise OutputError(f"{name} is not what was written to it: {error}") from error
+
+    def _open(self, plan: dict[str, Any], *, resume: bool, restart: bool) -> None:
+        """Take what the file holds, or begin it."""
+        found = None if self._is_empty() or restart else self._load()
+        if self._entries and not resume:
+            raise OutputError(
+                f"{self.path} holds {len(self._entries)} finished GOPs of an encode that was "
+                "interrupted: --resume goes on with it, -y starts anew"
+            )
+        different = ["nothing"] if found is None else list(_differences(found, plan))
+        if self._entries and different:
+            raise OutputError(
+                f"{self.path} cannot be resumed: it was begun with {', '.join(different)}; "
+                "say the same again, or start anew with -y alone"
+            )
+        if different:
+            self._begin(plan)
+
+    def _is_empty(self) -> bool:
+        """Tell whether nothing is in the file yet; refuse one that somebody else has made."""
+        start = self._file.read(len(_SIGNATURE))
+        if not _SIGNATURE.startswith(start):
+            raise OutputError(
+                f"{self.path} is in the way: finished GOPs would be kept there; move it, "
+                "or name another output"
+            )
+        return len(start) < len(_SIGNATURE)
+
+    def _begin(self, plan: dict[str, Any]) -> None:
+        self._entries, self._scenes, self._analysis = {}, {}, None
+        self._end = len(_SIGNATURE)
+        self._file.seek(0)
+        self._file.truncate()
+        self._file.write(_SIGNATURE)
+        self._append(_PLAN, json.dumps(plan).encode())
+
+    def _append(self, kind: bytes, payload: bytes) -> ChunkEntry:
+        with named(self.path or "the temporary file"):
+            entry = ChunkEntry(kind, self._end, len(payload))
+            self._file.seek(self._end)
+            self._file.truncate()
+            self._file.write(chunk_bytes(kind, payload))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._end = entry.end
+        return entry
+
+    def _load(self) -> dict[str, Any] | None:
+        """Take what can be taken and return the plan; None = not even that was written."""
+        plan: dict[str, Any] | None = None
+        for entry in self._chunks():
+            try:
+                if plan is None:
+                    plan = _object(self._read(entry))
+                else:
+                    self._take(entry)
+            except CorruptError:
+                if plan is None:
+                    raise OutputError(
+                        f"{self.path} is damaged and cannot be resumed; -y alone starts anew"
+                    ) from None
+                # What is damaged is done again.
+        return plan
+
+    def _chunks(self) -> Iterator[ChunkEntry]:
+        """Yield the chunks up to the first whose head is damaged or which is cut short."""
+        size = self._file.seek(0, os.SEEK_END)
+        self._end = len(_SIGNATURE)
+        while size - self._end >= OVERHEAD_BYTES:
+            self._file.seek(self._end)
+            try:
+                entry = parse_chunk_head(self._file.read(HEAD_BYTES), self._end)
+            except CorruptError:
+                return
+            if entry.end > size:
+                return
+            yield entry
+            self._end = entry.end
+
+    def _take(self, entry: ChunkEntry) -> None:
+        payload = self._read(entry)
+        if entry.type == _ANALYSIS:
+            self._analysis = _json(payload)
+        elif entry.type == _SCENE:
+            self._scenes[parse_scene_head(payload).number] = payload
+        elif entry.type == _PART:
+            gop, facts, _ = _split(payload)
+            self._entries[gop] = facts, entry
+
+    def _read(self, entry: ChunkEntry) -> bytes:
+        self._file.seek(entry.payload_offset)
+        data = self._file.read(entry.end - entry.payload_offset)
+        return check_payload(entry, data)
+
+
+def _split(payload: bytes) -> tuple[range, dict[str, Any], bytes]:
+    """Return what a part is made of."""
+    if len(payload) < _LENGTH.size:
+        raise CorruptError("a part without its length")
+    start = _LENGTH.size + _LENGTH.unpack_from(payload)[0]
+    head = _object(payload[_LENGTH.size : start])
+    match head:
+        case {"frames": [int(first), int(end)], "facts": dict(facts)}:
+            return range(first, end), facts, payload[start:]
+    raise CorruptError("a part that does not say what it is")
+
+
+def _object(data: bytes) -> dict[str, Any]:
+    value = _json(data)
+    if not isinstance(value, dict):
+        raise CorruptError("not a JSON object")
+    return value
+
+
+def _json(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise CorruptError("not JSON") from error
+
+
+def _differences(was: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield "name old, not new" for every leaf in which two plans differ."""
+    for name in [*was, *(name for name in now if name not in was)]:
+        old, new = was.get(name), now.get(name)
+        if isinstance(old, dict) and isinstance(new, dict):
+            yield from _differences(old, new)
+        elif old != new:
+            yield f"{name.replace('_', '-')} {old}, not {new}"

@@ -1,0 +1,44 @@
+"""What an encode tells: while it runs, and when it is done."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class GopStats:
+    """What one GOP came to."""
+
+    first_frame: int
+    frames: int
+    cut: bool  #: it starts with a new scene
+    motion: float  #: sum of its motion, pixels of the analysed frame
+    gaussians: int
+    bytes: int  #: of its payload
+    bpp: float  #: of its payload
+    psnr: float  #: dB, mean over its frames, of 8-bit RGB as decoded
+    float_psnr: float  #: dB, the same before quantisation
+    seconds: float  #: wall time of its fit
+
+
+@dataclass(frozen=True, slots=True)
+class EncodeResult:
+    """What an encode came to."""
+
+    path: Path
+    frames: int
+    gops: int
+    scenes: int
+    gaussians: int  #: in all GOPs and scenes
+    bytes: int  #: of the file
+    bpp: float  #: bits a pixel and frame, copied streams left out
+    psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded
+    float_psnr: float  #: dB, the same before quantisation
+    seconds: float  #: wall time
+    gop_stats: tuple[GopStats, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as JSON can hold it."""
+        return asdict(self) | {"path": str(self.path)}

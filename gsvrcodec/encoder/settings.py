@@ -1,0 +1,147 @@
+"""Everything that an encode can be told."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args, get_type_hints
+
+from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.options import Deform, Flow
+from gsvrcodec.limits import Limits
+
+Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
+Profile = Literal["main", "paper"]
+Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncodeSettings:
+    """What an encode is asked for; the same fields as the options of `gsvrenc`."""
+
+    params: int | None = None  #: stored numbers in the whole file; None = by picture size
+    gaussians: int | None = None  #: Gaussians in each GOP; of these six at most one is given
+    bpp: float | None = None  #: bits a pixel and frame, copied streams left out
+    bitrate: int | None = None  #: bits a second, copied streams left out
+    target_size: int | None = None  #: bytes of the whole file
+    target_psnr: float | None = None  #: dB, mean over all frames
+    preset: Preset = "medium"  #: optimisation effort; excludes `time_budget`
+    time_budget: float | None = None  #: seconds a frame for the whole encode; None = by preset
+    profile: Profile = "main"  #: "paper" = the publication as it stands, for comparison
+    deform: Deform = "hybrid"  #: parts of the deformation field in use
+    gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
+    gop_min: int = 6  #: shortest adaptive GOP between scene cuts, frames
+    gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
+    scenes: bool = True  #: store what stands still from GOP to GOP once
+    flow: Flow = "dis"  #: optical flow for slicing and motion start
+    qat: bool = True  #: fine-tune under the quantisation to come
+    pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
+    seed: int = 0  #: of every random choice
+    threads: int = 0  #: native threads; 0 = GSVR_THREADS or all cores
+    device: str = "auto"  #: that fits: "cpu", "cuda", "cuda:N"; "auto" = the first usable GPU
+    workers: int = 0  #: GOPs fitted side by side; 0 = by cores
+    #: width, height, x, y in pixels; x and y None = centre
+    crop: tuple[int, int, int | None, int | None] | None = None
+    start_frame: int = 0  #: first frame to encode
+    frames: int | None = None  #: frames to encode; None = to the end
+    #: what starts at this time or later; seconds on the clock of the timestamps
+    start_seconds: float | None = None
+    stop_seconds: float | None = None  #: what starts before this time
+    rate: float | None = None  #: frames a second of pictures and raw streams; None = 25, or guessed
+    bake_rotation: bool = False  #: turn and mirror the pictures as a player would
+    deinterlace: bool = False  #: make whole pictures of interlaced ones
+    audio: bool = True  #: copy the source's sound
+    subtitles: bool = True  #: copy the source's subtitles
+
+    def __post_init__(self) -> None:
+        """Check each value, and that they do not contradict each other.
+
+        Raises:
+            UsageError: naming the option, as `gsvrenc` spells it.
+        """
+        hints = get_type_hints(type(self))
+        for name in ("preset", "profile", "deform", "flow", "pack"):
+            if getattr(self, name) not in get_args(hints[name]):
+                allowed = ", ".join(get_args(hints[name]))
+                raise UsageError(f"--{name} must be one of {allowed}, not {getattr(self, name)!r}")
+        given = [name for name in _SIZES if getattr(self, name) is not None]
+        if len(given) > 1:
+            first, second = (name.replace("_", "-") for name in given[:2])
+            raise UsageError(f"--{first} and --{second} exclude each other; give one")
+        if self.profile == "paper" and self.has_target:
+            raise UsageError(
+                f"--profile paper has fixed steps and cannot meet --{given[0].replace('_', '-')}; "
+                "give --params or --gaussians"
+            )
+        if self.time_budget is not None and self.preset != _DEFAULT_PRESET:
+            raise UsageError("--preset and --time-budget exclude each other; give one")
+        for name, low in _LOWEST.items():
+            value = getattr(self, name)
+            if isinstance(value, int) and value < low:
+                raise UsageError(f"--{name.replace('_', '-')} must be at least {low}, not {value}")
+        for name, high in _HIGHEST.items():
+            value = getattr(self, name)
+            if isinstance(value, int) and value > high:
+                raise UsageError(f"--{name.replace('_', '-')} must be at most {high}, not {value}")
+        for name, unit in _POSITIVE.items():
+            value = getattr(self, name)
+            if value is not None and not 0 < value < float("inf"):
+                raise UsageError(f"--{name.replace('_', '-')} must be above 0 {unit}, not {value}")
+        if self.gop != "adaptive" and not isinstance(self.gop, int):
+            raise UsageError(f"--gop must be 'adaptive' or a number of frames, not {self.gop!r}")
+        if self.gop_max is not None and self.gop_min > self.gop_max:
+            raise UsageError(
+                f"--gop-min {self.gop_min} is more than --gop-max {self.gop_max}; lower it"
+            )
+
+    @property
+    def has_target(self) -> bool:
+        """Whether a size or a quality is to be met, whatever number of Gaussians it takes."""
+        return any(getattr(self, name) is not None for name in _TARGETS)
+
+    @property
+    def may_have_scenes(self) -> bool:
+        """Whether GOPs may share what stands still: not if the number of Gaussians is fixed."""
+        return self.scenes and self.profile == "main" and self.gaussians is None
+
+    @property
+    def copied_kinds(self) -> tuple[str, ...]:
+        """The kinds of streams to copy."""
+        chosen = {"audio": self.audio, "subtitle": self.subtitles}
+        return tuple(kind for kind, wanted in chosen.items() if wanted)
+
+    def recorded(self) -> dict[str, Any]:
+        """What the file keeps: all that shapes its content."""
+        kept = asdict(self)
+        del kept["threads"], kept["workers"], kept["device"]
+        return kept
+
+
+_DEFAULT_PRESET: Preset = "medium"
+_TARGETS = ("bpp", "bitrate", "target_size", "target_psnr")
+#: What says how large the file is to be.
+_SIZES = ("params", "gaussians", *_TARGETS)
+_POSITIVE = {
+    "time_budget": "seconds",
+    "bpp": "bits a pixel",
+    "bitrate": "bits a second",
+    "target_size": "bytes",
+    "target_psnr": "dB",
+}
+_LOWEST = {
+    "params": 1,
+    "gaussians": 1,
+    "gop": 1,
+    "gop_min": 1,
+    "gop_max": 1,
+    "seed": 0,
+    "threads": 0,
+    "workers": 0,
+    "start_frame": 0,
+    "frames": 1,
+}
+#: What decoders take without being told otherwise.
+_HIGHEST = {
+    "gaussians": Limits().gaussians,
+    "gop": Limits().gop_frames,
+    "gop_max": Limits().gop_frames,
+}

@@ -1,0 +1,69 @@
+"""Cutting a video into GOPs by its motion (paper, "Dynamic-aware Time Slicing")."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+
+from gsvrcodec.encoder.analysis import Step
+
+#: Accumulated motion degree at which a GOP ends, pixels of the analysed frame.
+MOTION_THRESHOLD = 24.0
+
+
+def slice_gops(
+    steps: Iterable[Step],
+    gop: int | Literal["adaptive"],
+    *,
+    minimum: int,
+    maximum: int,
+    threshold: float = MOTION_THRESHOLD,
+) -> list[range]:
+    """Frames of each GOP; none spans a cut.
+
+    A fixed `gop` ends after so many frames. For an adaptive one each frame adds its motion over
+    `threshold` and 1 / `maximum`; a scene is cut into as few GOPs as keep that sum within 1, all
+    of about the same sum, and none of fewer than `minimum` frames unless the scene is.
+    """
+    scenes: list[list[float]] = []
+    for step in steps:
+        if step.cut or not scenes:
+            scenes.append([])
+        scenes[-1].append(step.motion)
+    out: list[range] = []
+    for scene in scenes:
+        if gop == "adaptive":
+            lengths = _adaptive_lengths(scene, minimum, maximum, threshold)
+        else:
+            lengths = [min(gop, len(scene) - at) for at in range(0, len(scene), gop)]
+        for length in lengths:
+            start = out[-1].stop if out else 0
+            out.append(range(start, start + length))
+    return out
+
+
+def _adaptive_lengths(
+    motion: list[float], minimum: int, maximum: int, threshold: float
+) -> list[int]:
+    frames = len(motion)
+    total = np.cumsum(motion) / threshold + np.arange(1, frames + 1) / maximum
+    parts = max(1, min(math.ceil(total[-1] - 1e-9), frames // minimum))
+    lengths: list[int] = []
+    for left in range(parts, 1, -1):
+        start = sum(lengths)
+        done = total[start - 1] if start else 0.0
+        goal = done + (total[-1] - done) / left
+        length = int(np.searchsorted(total, goal)) + 1 - start
+        # The GOPs after this one need their minimum, and can take no more than their maximum.
+        most = min(frames - start - (left - 1) * minimum, maximum)
+        least = max(frames - start - (left - 1) * maximum, minimum)
+        lengths.append(min(max(length, least), most))
+    # No number of GOPs may keep both bounds; then the maximum is kept.
+    rest = frames - sum(lengths)
+    while rest > maximum:
+        lengths.append(maximum)
+        rest -= maximum
+    return [*lengths, rest]

@@ -1,0 +1,247 @@
+"""Where a fit starts: Gaussians placed by content, moving with the optical flow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.fit.flow import FlowEstimator
+from gsvrcodec.fit.motion import Tracker
+from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
+from gsvrcodec.render.native import render_weights
+
+Frames = NDArray[np.uint8]
+
+#: Share of the Gaussians spread by gradient, the others evenly.
+_GRADIENT_SHARE = 0.7
+#: Standard deviation of a Gaussian, in distances to its neighbours.
+_SPREAD = 0.45
+_SIGMA_RANGE = (0.6, 20.0)  # px
+#: Largest share of the Gaussians that starts in the first frame, and in the last.
+_HOLE_SHARE = 0.2
+_HOLE_PX = 9
+#: How far around it something that is missing asks for Gaussians; and of the mean, how much every
+#: place does.
+_MISSING_PX, _LEAST_MISSING = 9, 0.05
+#: Sum of weights at which a place needs no more Gaussians; 1.3 is usual.
+_COVERED = 0.6
+_INITIAL_ALPHA = 0.88
+_PLANE_NOISE = 0.0025
+
+
+def density(frames: Frames, backdrop: Float32Array | None = None) -> NDArray[np.float64]:
+    """Where detail is, over all frames: (H, W), sums to 1.
+
+    In front of a backdrop (H, W, 3) that of what is missing, and some wherever anything is.
+    """
+    total = np.zeros(frames.shape[1:3], np.float32)
+    missing = np.zeros(frames.shape[1:3], np.float32)
+    for frame in frames:
+        if backdrop is not None:
+            frame = frame - 255 * backdrop
+            missing += np.abs(frame).sum(axis=2)
+        total += gradient(frame)
+    detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
+    even: float | NDArray[np.float64] = 1.0 / detail.size
+    if missing.any():
+        even = np.asarray(cv2.boxFilter(missing, -1, (_MISSING_PX, _MISSING_PX)), np.float64)
+        even += _LEAST_MISSING * even.mean()
+        even /= even.sum()
+    share = _GRADIENT_SHARE if detail.any() else 0.0
+    return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
+
+
+def gradient(frame: NDArray[np.uint8] | Float32Array) -> Float32Array:
+    """Differences across and down, (H, W): absolute, summed over the channels of (H, W, 3)."""
+    dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
+    dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
+    total: Float32Array = (np.abs(dx) + np.abs(dy)).sum(axis=2)
+    return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """Gaussians put on pixels of one frame: N of them."""
+
+    frame: NDArray[np.int64]  #: (N,) index of that frame
+    pixels: NDArray[np.int64]  #: (N, 2) x, y there
+    position: Float32Array  #: (N, 2) canonical
+    sigma: Float32Array  #: (N,) px
+    linear: Float32Array  #: (N, 2)
+    quadratic: Float32Array  #: (N, 2)
+
+    def __getitem__(self, chosen: NDArray[np.intp]) -> _Placed:
+        return _Placed(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    def __add__(self, other: _Placed) -> _Placed:
+        return _Placed(
+            *(np.concatenate([getattr(p, name) for p in (self, other)]) for name in self.__slots__)
+        )
+
+
+class _Start:
+    """Places Gaussians in a GOP."""
+
+    def __init__(
+        self,
+        frames: Frames,
+        taus: Float32Array,
+        gaussians: int,
+        grid: tuple[int, int, int],
+        tracker: Tracker | None,
+        rng: np.random.Generator,
+        backdrop: Float32Array | None,
+    ) -> None:
+        self._frames, self._taus, self._gaussians = frames, taus, gaussians
+        self._backdrop = backdrop
+        self._tracker, self._rng = tracker, rng
+        self._size = frames.shape[2], frames.shape[1]
+        gx, gy, gt = grid
+        self._xy = rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32)
+        self._xt = np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32)
+        self._yt = np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32)
+
+    def place(
+        self,
+        index: int,
+        weights: NDArray[np.float64],
+        where: NDArray[np.float64],
+        count: int,
+    ) -> _Placed:
+        """Put `count` Gaussians on frame `index` by `weights`, as large as density `where` asks."""
+        width = self._size[0]
+        chosen = sample_pixels(weights.ravel(), count, self._rng)
+        pixels = np.stack([chosen % width, chosen // width], 1)
+        inside = (pixels + self._rng.uniform(0, 1, pixels.shape)) / self._size
+        points = inside.astype(np.float32)
+        linear, quadratic = np.zeros_like(points), np.zeros_like(points)
+        if self._tracker is not None:
+            linear, quadratic = self._tracker.motion(self._taus, index, points)
+        tau = self._taus[index]
+        sigma = _SPREAD / np.sqrt(self._gaussians * where.ravel()[chosen])
+        return _Placed(
+            frame=np.full(count, index),
+            pixels=pixels,
+            position=2 * points - 1 - linear * tau - quadratic * tau**2,
+            sigma=np.clip(sigma, *_SIGMA_RANGE).astype(np.float32),
+            linear=linear,
+            quadratic=quadratic,
+        )
+
+    def coverage(self, placed: _Placed, index: int) -> Float32Array:
+        """Sum of the weights of `placed` at each pixel of frame `index`, (H, W)."""
+        unit = self.gop(placed, np.ones((len(placed.sigma), 3), np.float32))
+        return render_weights(unit, float(self._taus[index]), self._size)
+
+    def uncovered(self, placed: _Placed, index: int) -> Float32Array:
+        """How bare of `placed` frame `index` is, (H, W) in [0, 1]."""
+        covered = cv2.boxFilter(self.coverage(placed, index), -1, (_HOLE_PX, _HOLE_PX))
+        return np.clip(1 - covered / _COVERED, 0, 1)
+
+    def colours(self, placed: _Placed) -> Float32Array:
+        """What each Gaussian's pixel shows, shared with the others there, (N, 3)."""
+        colour = np.empty((len(placed.sigma), 3), np.float32)
+        for index in np.unique(placed.frame):
+            here = placed.frame == index
+            x, y = placed.pixels[here].T
+            weight = np.maximum(self.coverage(placed, index)[y, x], 0.3)
+            wanted = self._frames[index, y, x] / 255.0
+            if self._backdrop is not None:
+                wanted -= self._backdrop[y, x]
+            colour[here] = wanted / weight[:, None]
+        return colour
+
+    def gop(self, placed: _Placed, colour: Float32Array) -> Gop:
+        """Round Gaussians of these colours."""
+        return Gop(
+            position=placed.position,
+            log_scale=np.log(np.stack([placed.sigma, placed.sigma], 1)),
+            rotation=np.zeros_like(placed.sigma),
+            colour=colour,
+            alpha=np.full_like(placed.sigma, _INITIAL_ALPHA),
+            linear=placed.linear,
+            quadratic=placed.quadratic,
+            xy=self._xy,
+            xt=self._xt,
+            yt=self._yt,
+        )
+
+
+def content_aware(
+    frames: Frames,
+    taus: Float32Array,
+    gaussians: int,
+    grid: tuple[int, int, int],
+    estimate: FlowEstimator | None,
+    rng: np.random.Generator,
+    backdrop: Float32Array | None = None,
+) -> Gop:
+    """Start from the middle frame: more and smaller Gaussians where there is more detail.
+
+    What the middle frame does not show, because it is yet to appear or gone, starts from the
+    first and the last frame, where the moving Gaussians of the others leave holes.
+
+    Args:
+        frames: (F, H, W, 3) uint8 of the GOP.
+        taus: (F,) normalised times.
+        gaussians: N.
+        grid: Gx, Gy, Gt of the tri-plane; zeros for none.
+        estimate: flow that the Gaussians' polynomials are fitted to; None = at rest.
+        rng: source of the sampling.
+        backdrop: (H, W, 3) what is drawn behind them, 1 is white; None = nothing.
+    """
+    tracker = None if estimate is None else Tracker(frames, estimate)
+    start = _Start(frames, taus, gaussians, grid, tracker, rng, backdrop)
+    where = density(frames, backdrop)
+    middle = int(np.abs(taus).argmin())
+    placed = start.place(middle, where, where, gaussians)
+    for index in sorted({0, len(frames) - 1} - {middle}):
+        here = density(frames[index : index + 1], backdrop)
+        needed = here * start.uncovered(placed, index)
+        count = int(gaussians * min(needed.sum(), _HOLE_SHARE))
+        if count:
+            # In place of as many from the middle frame.
+            from_middle = np.flatnonzero(placed.frame == middle)
+            dropped = rng.choice(from_middle, count, replace=False)
+            kept = np.delete(np.arange(gaussians), dropped)
+            placed = placed[kept] + start.place(index, needed + 1e-15, here, count)
+    return start.gop(placed, start.colours(placed))
+
+
+def random_start(
+    frames: Frames, gaussians: int, grid: tuple[int, int, int], rng: np.random.Generator
+) -> Gop:
+    """Start as the paper does: anywhere, at rest, in any colour."""
+    height, width = frames.shape[1:3]
+    gx, gy, gt = grid
+    spacing = np.float32(np.sqrt(width * height / gaussians))
+
+    def uniform(low: float, high: float, *shape: int) -> Float32Array:
+        return rng.uniform(low, high, shape).astype(np.float32)
+
+    return Gop(
+        position=uniform(-1, 1, gaussians, 2),
+        log_scale=np.log(spacing * uniform(0.25, 1.0, gaussians, 2)),
+        rotation=uniform(0, np.pi, gaussians),
+        colour=uniform(0, 0.5, gaussians, 3),
+        alpha=np.full(gaussians, 0.5, np.float32),
+        linear=np.zeros((gaussians, 2), np.float32),
+        quadratic=np.zeros((gaussians, 2), np.float32),
+        xy=rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
+        xt=np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
+        yt=np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
+    )
+
+
+def sample_pixels(
+    weights: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Pick `count` pixels by weight; without replacement as long as there are enough."""
+    whole, rest = divmod(count, len(weights))
+    repeats = [np.arange(len(weights))] * whole
+    # The largest log(u)/w are a sample without replacement (Efraimidis and Spirakis).
+    keys = np.log(rng.random(len(weights))) / weights
+    return np.concatenate([*repeats, np.argpartition(-keys, max(rest - 1, 0))[:rest]])

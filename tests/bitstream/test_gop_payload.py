@@ -1,0 +1,181 @@
+"""GOPs to bytes and back."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop
+from gsvrcodec.bitstream.header import Header
+from gsvrcodec.errors import CorruptError, GsvrError, LimitError
+from gsvrcodec.limits import Limits
+from gsvrcodec.model.gop import Gop, grid_size
+from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.quantise import dequantised
+from gsvrcodec.model.time import Ticks
+from gsvrcodec.planes import PACKS
+from tests.gops import BITS, SIXTEEN_BITS, assert_gops_equal, make_gop, make_payload
+
+HEADER = Header(
+    width=64,
+    height=48,
+    time_base=Fraction(1, 1000),
+    max_gaussians=100,
+    max_gop_frames=50,
+    max_grid=(9, 9, 9),
+)
+PTS = 40 * np.arange(3)
+DURATIONS = np.full(3, 40)
+
+
+def reordered(gop: Gop, order: NDArray[np.intp]) -> Gop:
+    """The same GOP with its Gaussians in another order."""
+    names = [field.name for field in fields(Gop) if field.name not in ("xy", "xt", "yt")]
+    return replace(gop, **{name: getattr(gop, name)[order] for name in names})
+
+
+class TestRoundTrip:
+    @settings(max_examples=40)
+    @given(
+        gaussians=st.integers(0, 40),
+        grid=st.one_of(
+            st.just((0, 0, 0)),
+            st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)),
+        ),
+        pack=st.sampled_from(sorted(PACKS)),
+        bits=st.fixed_dictionaries({name: st.integers(1, 16) for name in BITS}),
+    )
+    def test_a_decoder_gets_what_dequantised_says(
+        self, gaussians: int, grid: tuple[int, int, int], pack: str, bits: dict[str, int]
+    ) -> None:
+        gop = make_gop(gaussians, grid)
+        payload = pack_gop(gop, PTS, DURATIONS, 5, bits, PACKS[pack])
+        content = unpack_gop(payload, HEADER, Limits())
+        assert_gops_equal(content.gop, reordered(dequantised(gop, bits), strip_order(gop.position)))
+        assert grid_size(content.gop) == grid
+        assert content.first_frame == 5
+        np.testing.assert_array_equal(content.pts, PTS)
+        np.testing.assert_array_equal(content.durations, DURATIONS)
+        for field in fields(Gop):
+            array = getattr(content.gop, field.name)
+            assert array.dtype == np.float32
+            assert array.flags.c_contiguous
+
+    def test_sixteen_bits_are_close_to_the_original(self) -> None:
+        gop = make_gop(50, (4, 4, 4))
+        near = dequantised(gop, SIXTEEN_BITS)
+        for field in fields(Gop):
+            original = getattr(gop, field.name)
+            np.testing.assert_allclose(getattr(near, field.name), original, atol=2e-4)
+
+    def test_rotation_is_stored_modulo_pi(self) -> None:
+        gop = make_gop(3)
+        gop.rotation[:] = [-0.5, 4.0, 100.0]
+        near = dequantised(gop, SIXTEEN_BITS).rotation
+        np.testing.assert_allclose(near, np.mod(gop.rotation, np.pi), atol=1e-4)
+
+    def test_is_repeatable(self) -> None:
+        assert make_payload(pack="auto") == make_payload(pack="auto")
+
+
+class TestPack:
+    def test_a_value_out_of_bounds_fails(self) -> None:
+        gop = make_gop(3)
+        gop.log_scale[1, 0] = 14
+        with pytest.raises(ValueError, match=r"log_scale spans .* to 14, allowed is -32 to 13"):
+            pack_gop(gop, PTS, DURATIONS, 0, BITS)
+
+    def test_a_value_that_is_not_finite_fails(self) -> None:
+        gop = make_gop(3)
+        gop.colour[1, 0] = np.nan
+        with pytest.raises(ValueError, match="not finite"):
+            pack_gop(gop, PTS, DURATIONS, 0, BITS)
+
+    @pytest.mark.parametrize("durations", [DURATIONS[:2], DURATIONS[:0]])
+    def test_uneven_timing_fails(self, durations: Ticks) -> None:
+        with pytest.raises(ValueError, match="timestamps and"):
+            pack_gop(make_gop(3), PTS, durations, 0, BITS)
+
+
+class TestPlaneTable:
+    def test_says_what_is_in_a_gop(self) -> None:
+        payload = make_payload(50, (4, 3, 2), pack="auto")
+        entries = plane_table(payload)
+        assert len(entries) == 37
+        assert [entry.name for entry in entries[:5]] == [
+            "position.0",
+            "position.1",
+            "log_scale.0",
+            "log_scale.1",
+            "rotation",
+        ]
+        assert (entries[0].width, entries[0].height) == (8, 7)
+        assert (entries[-1].width, entries[-1].height) == (3, 2)
+        assert entries[0].quantiser.bits == 13
+        assert sum(entry.size for entry in entries) < len(payload)
+
+    def test_is_empty_without_gaussians(self) -> None:
+        assert plane_table(make_payload(0)) == ()
+
+
+class TestUnpack:
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [("max_gaussians", 19), ("max_gop_frames", 2), ("max_grid", (4, 4, 3))],
+    )
+    def test_over_a_maximum_of_the_header_fails(self, field: str, value: object) -> None:
+        header = replace(HEADER, **{field: value})  # type: ignore[arg-type]
+        with pytest.raises(CorruptError, match="the header's maximum is"):
+            unpack_gop(make_payload(20, (4, 4, 4)), header, Limits())
+
+    @pytest.mark.parametrize(
+        "limits",
+        [
+            Limits(gaussians=19),
+            Limits(gop_frames=2),
+            Limits(plane_samples=19),
+            Limits(expansion_base=1, expansion_ratio=1),
+        ],
+    )
+    def test_over_a_limit_fails(self, limits: Limits) -> None:
+        with pytest.raises(LimitError, match="over the limit"):
+            unpack_gop(make_payload(20), HEADER, limits)
+
+    def test_every_cut_fails(self) -> None:
+        payload = make_payload(5)
+        for size in range(len(payload)):
+            with pytest.raises(CorruptError):
+                unpack_gop(payload[:size], HEADER, Limits())
+
+    @settings(max_examples=300)
+    @given(at=st.integers(0, 400), size=st.integers(0, 4), data=st.binary(max_size=4))
+    def test_changed_bytes_raise_our_errors_or_stay_finite(
+        self, at: int, size: int, data: bytes
+    ) -> None:
+        payload = _PAYLOAD[:at] + data + _PAYLOAD[at + size :]
+        try:
+            gop = unpack_gop(payload, HEADER, Limits()).gop
+        except GsvrError:
+            return
+        for field in fields(Gop):
+            assert np.isfinite(getattr(gop, field.name)).all()
+
+
+_PAYLOAD = make_payload(9, (2, 2, 2))
+
+
+def test_model_imports_numpy_and_image_codecs_alone() -> None:
+    code = (
+        "import sys, gsvrcodec.bitstream.gop_payload;"
+        "print([m for m in ('torch', 'av', 'cv2') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

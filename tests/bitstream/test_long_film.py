@@ -1,0 +1,73 @@
+"""A film of 100 000 frames: written in bounded memory, opened at once, read anywhere."""
+
+from __future__ import annotations
+
+import io
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+import gsvrcodec
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.writer import GsvrWriter
+from tests.gops import HEADER, make_payload
+
+GOPS, FRAMES = 6250, 16
+
+
+def moved(payload: bytes, gop: int) -> bytes:
+    """The payload as the `gop`th of a film."""
+    changed = bytearray(payload)
+    changed[0:8] = (FRAMES * gop).to_bytes(8, "little")
+    for offset in (16, 24):
+        pts = int.from_bytes(payload[offset : offset + 8], "little") + 40 * FRAMES * gop
+        changed[offset : offset + 8] = pts.to_bytes(8, "little")
+    return bytes(changed)
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("film") / "film.gsvr"
+    payload = make_payload(3, frames=FRAMES)
+    tracemalloc.start()
+    with path.open("w+b") as file, GsvrWriter(file, HEADER) as writer:
+        for gop in range(GOPS):
+            writer.add_gop(moved(payload, gop))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert path.stat().st_size > GOPS * (GOP_HEAD_BYTES + 100)
+    assert peak < 16 * 2**20
+    return path
+
+
+def test_the_size_is_known_before(film: Path) -> None:
+    payload = make_payload(3, frames=FRAMES)
+    writer = GsvrWriter(io.BytesIO(), HEADER)
+    assert writer.final_size(GOPS, GOPS * len(payload)) == film.stat().st_size
+
+
+def test_opens_at_once_and_small(film: Path) -> None:
+    spans = []
+    for _ in range(3):
+        began = time.process_time()
+        GsvrReader(film).close()
+        spans.append(time.process_time() - began)
+    assert min(spans) < 0.1
+    tracemalloc.start()
+    with GsvrReader(film) as reader:
+        assert reader.frames == 100_000
+        assert tracemalloc.get_traced_memory()[1] < 16 * 2**20
+    tracemalloc.stop()
+
+
+def test_any_frame_is_near(film: Path) -> None:
+    with gsvrcodec.open(film) as decoder:
+        decoder[0]
+        began = time.process_time()
+        for index in (99_999, 50_000, 17):
+            assert decoder[index].index == index
+        assert time.process_time() - began < 0.5
+        assert decoder.get_frame_played_at(2000.0).index == 50_000

@@ -1,0 +1,104 @@
+"""Settings: what contradicts itself is refused by the name of the option."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import FrozenInstanceError, fields
+from typing import Any
+
+import pytest
+
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.errors import UsageError
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"params": 3_000_000, "time_budget": 2.0},
+        {"gaussians": 1, "preset": "slowest"},
+        {"gop": 1},
+        {"bpp": 0.05, "time_budget": 2.0},
+        {"bitrate": 1_500_000, "workers": 2},
+        {"target_size": 10_000_000},
+        {"target_psnr": 38.5},
+        {"gop_min": 7, "gop_max": 7},
+        {"profile": "paper", "deform": "triplane", "pack": "png", "qat": False},
+        {"crop": (16, 16, None, None), "start_frame": 3, "frames": 1},
+    ],
+)
+def test_good(settings: dict[str, Any]) -> None:
+    chosen = EncodeSettings(**settings)
+    for name, value in settings.items():
+        assert getattr(chosen, name) == value
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"params": 1, "gaussians": 1}, "--params and --gaussians exclude each other"),
+        ({"preset": "slow", "time_budget": 1.0}, "--preset and --time-budget exclude each other"),
+        ({"bpp": 0.1, "bitrate": 1000}, "--bpp and --bitrate exclude each other; give one"),
+        ({"params": 9, "target_size": 9}, "--params and --target-size exclude each other"),
+        ({"target_psnr": 38, "profile": "paper"}, "cannot meet --target-psnr"),
+        ({"bpp": 0.0}, "--bpp must be above 0 bits a pixel, not 0.0"),
+        ({"target_psnr": float("nan")}, "--target-psnr must be above 0 dB"),
+        ({"target_size": 0}, "--target-size must be above 0 bytes, not 0"),
+        ({"bitrate": -5}, "--bitrate must be above 0 bits a second"),
+        ({"workers": -1}, "--workers must be at least 0"),
+        ({"gop_min": 9, "gop_max": 8}, "--gop-min 9 is more than --gop-max 8"),
+        ({"preset": "quick"}, "--preset must be one of fastest, fast, medium, slow, slowest"),
+        ({"profile": "ours"}, "--profile must be one of main, paper, not 'ours'"),
+        ({"deform": "none"}, "--deform must be one of hybrid, triplane, polynomial"),
+        ({"flow": "farneback"}, "--flow must be one of dis, raft"),
+        ({"pack": "zip"}, "--pack must be one of auto, entropy, jxl, png, deflate"),
+        ({"gop": "scene"}, "--gop must be 'adaptive' or a number of frames"),
+        ({"gop": 0}, "--gop must be at least 1"),
+        ({"gop_min": 0}, "--gop-min must be at least 1"),
+        ({"params": 0}, "--params must be at least 1"),
+        ({"gaussians": -5}, "--gaussians must be at least 1, not -5"),
+        ({"gaussians": 2**24 + 1}, "--gaussians must be at most 16777216, not 16777217"),
+        ({"gop": 10**9}, "--gop must be at most"),
+        ({"gop_max": 10**9}, "--gop-max must be at most"),
+        ({"frames": 0}, "--frames must be at least 1"),
+        ({"start_frame": -1}, "--start-frame must be at least 0"),
+        ({"seed": -1}, "--seed must be at least 0"),
+        ({"threads": -1}, "--threads must be at least 0"),
+        ({"time_budget": 0.0}, "--time-budget must be above 0"),
+        ({"time_budget": float("inf")}, "--time-budget must be above 0"),
+        ({"time_budget": float("nan")}, "--time-budget must be above 0"),
+    ],
+)
+def test_bad(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        EncodeSettings(**settings)
+
+
+def test_frozen() -> None:
+    with pytest.raises(FrozenInstanceError):
+        EncodeSettings().seed = 1  # type: ignore[misc]
+
+
+def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
+    recorded = EncodeSettings(params=5, crop=(2, 2, None, None)).recorded()
+    assert json.loads(json.dumps(recorded)) == {**recorded, "crop": [2, 2, None, None]}
+    assert set(recorded) == {field.name for field in fields(EncodeSettings)} - {
+        "device",
+        "threads",
+        "workers",
+    }
+
+
+@pytest.mark.parametrize(
+    ("settings", "may"),
+    [
+        ({}, True),
+        ({"bpp": 0.1}, True),
+        ({"scenes": False}, False),
+        ({"gaussians": 50}, False),
+        ({"profile": "paper"}, False),
+    ],
+)
+def test_when_there_may_be_scenes(settings: dict[str, Any], may: bool) -> None:
+    assert EncodeSettings(**settings).may_have_scenes == may

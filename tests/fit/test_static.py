@@ -1,0 +1,55 @@
+"""Gaussians whose motion is not worth its bits stand still, in the file too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gsvrcodec.fit.precision import equal_slope_steps
+from gsvrcodec.fit.static import with_still
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.quantise import dequantised
+from tests.render.scenes import random_gop
+
+FEW = 0.01
+
+
+def _changes(gop: Gop) -> Gop:
+    return Gop(**{n: np.full_like(getattr(gop, n), 1e6) for n in Gop.__slots__})
+
+
+def _some_slow() -> Gop:
+    gop = random_gop(40)
+    gop.linear[:] += 0.5 * np.sign(gop.linear)
+    gop.alpha[:20] = 1 - FEW
+    gop.linear[:20] = gop.quadratic[:20] = FEW
+    return gop
+
+
+def test_the_slow_stand_still_and_the_others_do_not_change() -> None:
+    gop = _some_slow()
+    stored = with_still(gop, _changes(gop), 1.0)
+    assert (stored.alpha[:20] == 1).all()
+    assert not stored.linear[:20].any()
+    assert not stored.quadratic[:20].any()
+    for name in Gop.__slots__:
+        np.testing.assert_array_equal(getattr(stored, name)[20:40], getattr(gop, name)[20:40])
+
+
+@pytest.mark.parametrize(("factor", "still"), [(0.1, 0), (1.0, 20), (1e6, 40)])
+def test_more_where_steps_are_coarse(factor: float, still: int) -> None:
+    gop = _some_slow()
+    assert (~with_still(gop, _changes(gop), factor).linear.any(axis=1)).sum() == still
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.37, 1.0, 3.3])
+def test_they_stand_exactly_still_once_decoded(factor: float) -> None:
+    gop = _some_slow()
+    changes = _changes(gop)
+    gop = replace(gop, linear=gop.linear * 0.3)
+    decoded = dequantised(with_still(gop, changes, 1.0), equal_slope_steps(changes, factor))
+    assert (decoded.alpha[:20] == 1).all()
+    assert not decoded.linear[:20].any()
+    assert not decoded.quadratic[:20].any()
