@@ -10,13 +10,13 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.background_payload import pack_scene, unpack_scene
+from gsvrcodec.bitstream.background_payload import pack_background, unpack_background
 from gsvrcodec.bitstream.gop_payload import GopContent, pack_gop, unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import with_scene
+from gsvrcodec.model.background import with_background
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.planes import PACKS
 
@@ -26,7 +26,7 @@ BITS: Mapping[str, int] = {
     "log_scale": 8,
     "rotation": 7,
     "colour": 10,
-    "alpha": 6,
+    "indicator": 6,
     "linear": 11,
     "quadratic": 9,
     "xy": 10,
@@ -52,7 +52,7 @@ def make_gop(gaussians: int, grid: tuple[int, int, int] = (0, 0, 0), seed: int =
         log_scale=normal(1, 0.5, gaussians, 2),
         rotation=draw.uniform(0, 3, gaussians).astype(np.float32),
         colour=normal(0.3, 0.2, gaussians, 3),
-        alpha=draw.uniform(0, 1, gaussians).astype(np.float32),
+        indicator=draw.uniform(0, 1, gaussians).astype(np.float32),
         linear=normal(0, 0.02, gaussians, 2),
         quadratic=normal(0, 0.01, gaussians, 2),
         xy=normal(0, 0.02, gy, gx, 8),
@@ -71,7 +71,7 @@ def make_payload(
     pack: str = "deflate",
     bits: Mapping[str, int] = BITS,
     seed: int = 0,
-    scene: int = 0,
+    background: int = 0,
     shown: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """The payload of a GOP of 40-tick frames."""
@@ -83,14 +83,14 @@ def make_payload(
         first_frame,
         bits,
         PACKS[pack],
-        scene=scene,
+        background=background,
         shown=shown,
     )
 
 
-def make_scene(number: int, gaussians: int, *, seed: int = 9) -> bytes:
-    """The payload of a scene."""
-    return pack_scene(number, make_gop(gaussians, (0, 0, 0), seed), BITS, PACKS["entropy"])
+def make_background(number: int, gaussians: int, *, seed: int = 9) -> bytes:
+    """The payload of a background."""
+    return pack_background(number, make_gop(gaussians, (0, 0, 0), seed), BITS, PACKS["entropy"])
 
 
 def make_payloads(count: int, frames: int = 3, gaussians: int = 5) -> list[bytes]:
@@ -111,14 +111,14 @@ def make_file(
     payloads: list[bytes],
     header: Header = HEADER,
     auxiliary: tuple[tuple[bytes, bytes], ...] = (),
-    scenes: Mapping[int, bytes] | None = None,
+    backgrounds: Mapping[int, bytes] | None = None,
 ) -> bytes:
-    """A whole file, auxiliary chunks after the GOPs, scenes before those with these positions."""
+    """A whole file: auxiliary chunks after the GOPs, backgrounds before the GOPs at their keys."""
     file = io.BytesIO()
     with GsvrWriter(file, header) as writer:
         for position, payload in enumerate(payloads):
-            if scenes and position in scenes:
-                writer.add_scene(scenes[position])
+            if backgrounds and position in backgrounds:
+                writer.add_background(backgrounds[position])
             writer.add_gop(payload)
         for kind, data in auxiliary:
             writer.add_auxiliary(kind, data)
@@ -136,9 +136,9 @@ def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
         ]
         for number, content in enumerate(contents):
             if content.shown is not None:
-                chunk = reader.find_scene(content.scene, number).chunk
-                scene = unpack_scene(reader.read_chunk(chunk), limits)
-                gop = with_scene(content.gop, scene, content.shown)
+                chunk = reader.find_background(content.background, number).chunk
+                background = unpack_background(reader.read_chunk(chunk), limits)
+                gop = with_background(content.gop, background, content.shown)
                 contents[number] = replace(content, gop=gop)
         return contents
 

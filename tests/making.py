@@ -132,7 +132,7 @@ def random_gop(
         log_scale=rng.uniform(0, 2, (gaussians, 2)).astype(np.float32),
         rotation=rng.uniform(0, np.pi, gaussians).astype(np.float32),
         colour=rng.uniform(-0.2, 1, (gaussians, 3)).astype(np.float32),
-        alpha=rng.uniform(0, 1, gaussians).astype(np.float32),
+        indicator=rng.uniform(0, 1, gaussians).astype(np.float32),
         linear=normal(gaussians, 2, sigma=0.1),
         quadratic=normal(gaussians, 2, sigma=0.05),
         xy=normal(gy, gx, 8, sigma=0.05),
@@ -152,7 +152,7 @@ def gsvr_file(
     auxiliary: dict[bytes, bytes] | None = None,
     grid: tuple[int, int, int] = (4, 3, 5),
     close: bool = True,
-    one_scene: bool = False,
+    one_shot: bool = False,
     **header: Any,
 ) -> Path:
     """Write a .gsvr file of random Gaussians.
@@ -167,7 +167,7 @@ def gsvr_file(
         auxiliary: further chunks, by type.
         grid: size of the tri-planes.
         close: False = leave out index and end, as a killed encoder does.
-        one_scene: True = the same Gaussians in every GOP, which move little.
+        one_shot: True = the same Gaussians in every GOP, which move little.
         header: further fields of the header.
     """
     rng = np.random.default_rng(7)
@@ -180,8 +180,8 @@ def gsvr_file(
         for count in frames:
             pts, durations = np.array(times[first : first + count], np.int64).T
             bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
-            gop = random_gop(np.random.default_rng(7) if one_scene else rng, grid=grid)
-            if one_scene:
+            gop = random_gop(np.random.default_rng(7) if one_shot else rng, grid=grid)
+            if one_shot:
                 gop.linear[:] /= 9
                 gop.quadratic[:] /= 9
             writer.add_gop(pack_gop(gop, pts, durations, first, bits))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES
+from gsvrcodec.bitstream.background_head import BACKGROUND_HEAD_BYTES
 from gsvrcodec.bitstream.chunk import OVERHEAD_BYTES
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.bitstream.header import HEADER_BYTES
@@ -93,7 +93,7 @@ class TestSpec:
                 end += sizes[kind]
             ends.append(end)
         heads = [OVERHEAD_BYTES, HEADER_BYTES, GOP_HEAD_BYTES]
-        assert ends == [*heads, PLANE_ENTRY_BYTES, SCENE_HEAD_BYTES, ENTRY_BYTES, END_BYTES]
+        assert ends == [*heads, PLANE_ENTRY_BYTES, BACKGROUND_HEAD_BYTES, ENTRY_BYTES, END_BYTES]
 
     def test_names_every_limit_with_its_default(self) -> None:
         table = re.findall(r"\| ([^|]+?) \| (GSVR_LIMIT_\w+) \|$", SPEC.read_text(), re.M)

@@ -1,4 +1,4 @@
-"""Planes of a GOP or a scene: values quantised, coded one by one, and back."""
+"""Planes of a GOP or a background: values quantised, coded one by one, and back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.plane_table import PlaneEntry
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute, Grid, Shape
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute, GopShape, GridKind
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.quantise import Precision, component, quantiser_of
 from gsvrcodec.planes import Codec, PlaneStack, decode_plane, encode_plane
@@ -19,7 +19,7 @@ from gsvrcodec.planes import Codec, PlaneStack, decode_plane, encode_plane
 
 def pack_planes(
     values: Mapping[str, NDArray[np.floating]],
-    shape: Shape,
+    shape: GopShape,
     precision: Precision,
     codecs: Collection[Codec],
     attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
@@ -49,7 +49,7 @@ def pack_planes(
         samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
         codes = quantiser.quantise(samples).reshape(height, width)
         stack = stacks[attribute.grid]
-        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.earlier)
+        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.prior)
         stack.append(codes)
         entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
         table.append(entry.to_bytes())
@@ -61,7 +61,7 @@ def unpack_planes(
     entries: Sequence[PlaneEntry],
     payload: bytes,
     offset: int,
-    shape: Shape,
+    shape: GopShape,
     limits: Limits,
     attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
 ) -> dict[str, Float32Array]:
@@ -95,13 +95,13 @@ def unpack_planes(
                 entry.height,
                 entry.quantiser.bits,
                 limits,
-                stack.earlier,
+                stack.prior,
             )
         except CorruptError as error:
             raise CorruptError(f"plane {entry.name}: {error.message}") from error
         stack.append(codes)
         plane = entry.quantiser.dequantise(codes)
-        if attribute.grid in ("gaussians", "scene"):
+        if attribute.grid in ("gaussians", "background"):
             plane = plane.reshape(-1)[: shape.samples(attribute.grid)]
         if attribute.components == 1:
             values[attribute.name] = plane
@@ -112,7 +112,7 @@ def unpack_planes(
     return values
 
 
-def _plane_stacks(shape: Shape, attributes: Sequence[Attribute]) -> dict[Grid, PlaneStack]:
+def _plane_stacks(shape: GopShape, attributes: Sequence[Attribute]) -> dict[GridKind, PlaneStack]:
     """An empty stack for the planes of each grid."""
     count = Counter(attribute.grid for attribute, *_ in shape.planes(attributes))
     stacks = {}

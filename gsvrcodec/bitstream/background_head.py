@@ -1,4 +1,4 @@
-"""The fixed start of a scene's payload (spec section "Scene chunk")."""
+"""The fixed start of a background's payload (spec section "Background chunk")."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from gsvrcodec.errors import CorruptError
 
 _HEAD = struct.Struct("<III")
 
-SCENE_HEAD_BYTES = _HEAD.size
+BACKGROUND_HEAD_BYTES = _HEAD.size
 
 
 @dataclass(frozen=True, slots=True)
-class SceneHead:
-    """The first 12 bytes of a scene's payload."""
+class BackgroundHead:
+    """The first 12 bytes of a background's payload."""
 
     number: int  #: by which GOPs name it, from 1, ascending in the file
     gaussians: int  #: how many it has, at least 1
@@ -27,21 +27,23 @@ class SceneHead:
 
 
 @dataclass(frozen=True, slots=True)
-class SceneEntry(SceneHead):
-    """A scene of a file and where it lies."""
+class BackgroundEntry(BackgroundHead):
+    """A background of a file and where it lies."""
 
     chunk: ChunkEntry
 
 
-def parse_scene_head(payload: bytes) -> SceneHead:
-    """Read the first 12 bytes of a scene's payload and check them by themselves.
+def parse_background_head(payload: bytes) -> BackgroundHead:
+    """Read the first 12 bytes of a background's payload and check them by themselves.
 
     Raises:
         CorruptError: They are not all there, or break a rule of the spec.
     """
-    if len(payload) < SCENE_HEAD_BYTES:
-        raise CorruptError(f"scene of {len(payload)} bytes, its head takes {SCENE_HEAD_BYTES}")
-    head = SceneHead(*_HEAD.unpack_from(payload))
+    if len(payload) < BACKGROUND_HEAD_BYTES:
+        raise CorruptError(
+            f"background of {len(payload)} bytes, its head takes {BACKGROUND_HEAD_BYTES}"
+        )
+    head = BackgroundHead(*_HEAD.unpack_from(payload))
     if not head.number or not head.gaussians:
-        raise CorruptError(f"scene {head.number} of {head.gaussians} Gaussians")
+        raise CorruptError(f"background {head.number} of {head.gaussians} Gaussians")
     return head

@@ -1,15 +1,19 @@
-"""Scenes: Gaussians that stand still and belong to several GOPs (spec section "Scene chunk")."""
+"""A background as bytes and back: head, plane table, planes (spec section "Background chunk")."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from gsvrcodec.bitstream.attribute_planes import pack_planes, unpack_planes
-from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES, SceneHead, parse_scene_head
+from gsvrcodec.bitstream.background_head import (
+    BACKGROUND_HEAD_BYTES,
+    BackgroundHead,
+    parse_background_head,
+)
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import STILL_ATTRIBUTES, Shape
-from gsvrcodec.model.background import Scene, still_gop
+from gsvrcodec.model.attributes import STILL_ATTRIBUTES, GopShape
+from gsvrcodec.model.background import Background, still_gop
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.quantise import Precision
@@ -18,10 +22,10 @@ from gsvrcodec.planes import PACKS, Codec
 _GRID = (0, 0, 0)
 
 
-def pack_scene(
+def pack_background(
     number: int, gop: Gop, precision: Precision, codecs: Collection[Codec] = PACKS["auto"]
 ) -> bytes:
-    """Quantise, sort and code a scene into the payload of its chunk.
+    """Quantise, sort and code a background into the payload of its chunk.
 
     Args:
         number: By which GOPs name it, from 1.
@@ -34,13 +38,13 @@ def pack_scene(
     """
     order = strip_order(gop.position)
     values = {a.name: getattr(gop, a.name)[order] for a in STILL_ATTRIBUTES}
-    shape = Shape(len(gop), _GRID)
+    shape = GopShape(len(gop), _GRID)
     planes, data = pack_planes(values, shape, precision, codecs, STILL_ATTRIBUTES)
-    return SceneHead(number, len(gop), planes).to_bytes() + data
+    return BackgroundHead(number, len(gop), planes).to_bytes() + data
 
 
-def unpack_scene(payload: bytes, limits: Limits) -> Scene:
-    """Decode the payload of a scene chunk.
+def unpack_background(payload: bytes, limits: Limits) -> Background:
+    """Decode the payload of a background chunk.
 
     Raises:
         CorruptError: The payload breaks a rule of the spec.
@@ -48,20 +52,20 @@ def unpack_scene(payload: bytes, limits: Limits) -> Scene:
         LimitError: It is over `limits`.
     """
     head, entries, offset = _parse(payload, limits)
-    shape = Shape(head.gaussians, _GRID)
+    shape = GopShape(head.gaussians, _GRID)
     values = unpack_planes(entries, payload, offset, shape, limits, STILL_ATTRIBUTES)
-    return Scene(head.number, still_gop(**values))
+    return Background(head.number, still_gop(**values))
 
 
-def scene_table(payload: bytes, limits: Limits) -> tuple[PlaneEntry, ...]:
-    """What is in the payload of a scene chunk, plane by plane. Raises as `unpack_scene`."""
+def background_table(payload: bytes, limits: Limits) -> tuple[PlaneEntry, ...]:
+    """The plane table of a background chunk's payload. Raises as `unpack_background`."""
     return _parse(payload, limits)[1]
 
 
-def _parse(payload: bytes, limits: Limits) -> tuple[SceneHead, tuple[PlaneEntry, ...], int]:
+def _parse(payload: bytes, limits: Limits) -> tuple[BackgroundHead, tuple[PlaneEntry, ...], int]:
     """Head, plane table and the offset of the first plane."""
-    head = parse_scene_head(payload)
-    limits.check("gaussians", head.gaussians, "the number of Gaussians in a scene")
-    expected = Shape(head.gaussians, _GRID).planes(STILL_ATTRIBUTES)
-    entries, offset = parse_plane_table(payload, SCENE_HEAD_BYTES, head.planes, expected)
+    head = parse_background_head(payload)
+    limits.check("gaussians", head.gaussians, "the number of Gaussians in a background")
+    expected = GopShape(head.gaussians, _GRID).planes(STILL_ATTRIBUTES)
+    entries, offset = parse_plane_table(payload, BACKGROUND_HEAD_BYTES, head.planes, expected)
     return head, entries, offset

@@ -16,7 +16,7 @@ Payload = bytes | mmap
 SIGNATURE = b"\x89GSV\r\n\x1a\n"
 
 HEAD_TYPE = b"HEAD"
-SCENE_TYPE = b"SCNE"
+BACKGROUND_TYPE = b"SCNE"
 GOP_TYPE = b"GOPD"
 INDEX_TYPE = b"indx"
 END_TYPE = b"fend"
@@ -24,7 +24,7 @@ SETTINGS_TYPE = b"sett"
 METADATA_TYPE = b"meta"
 STREAMS_TYPE = b"strm"
 
-CRITICAL_TYPES = frozenset({HEAD_TYPE, SCENE_TYPE, GOP_TYPE})
+CRITICAL_TYPES = frozenset({HEAD_TYPE, BACKGROUND_TYPE, GOP_TYPE})
 #: Types that the container itself writes; anything else goes through `add_auxiliary`.
 STRUCTURAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE, INDEX_TYPE, END_TYPE})
 

@@ -82,17 +82,17 @@ class GopHead(GopSummary):
 
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
     planes: int  #: entries of the plane table
-    scene: int = 0  #: number of the scene whose Gaussians it may show; 0 = none
-    scene_gaussians: int = 0  #: how many that scene has
+    background: int = 0  #: number of the background whose Gaussians it may show; 0 = none
+    background_gaussians: int = 0  #: how many that background has
 
     @property
     def most_drawn(self) -> int:
-        """Gaussians of its own and of its scene."""
-        return self.gaussians + self.scene_gaussians
+        """Gaussians of its own and of its background."""
+        return self.gaussians + self.background_gaussians
 
     def to_bytes(self) -> bytes:
         """The head as it stands in the file."""
-        shape = _SHAPE.pack(*self.grid, self.planes, self.scene, self.scene_gaussians)
+        shape = _SHAPE.pack(*self.grid, self.planes, self.background, self.background_gaussians)
         return self.summary_bytes() + shape
 
     def check_maxima(self, header: Header) -> None:
@@ -150,7 +150,9 @@ def parse_gop_head(payload: bytes) -> GopHead:
     if len(payload) < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP of {len(payload)} bytes, its head alone takes {GOP_HEAD_BYTES}")
     first_frame, frames, gaussians, start, last, duration = _SUMMARY.unpack_from(payload)
-    gx, gy, gt, planes, scene, scene_gaussians = _SHAPE.unpack_from(payload, _SUMMARY.size)
+    gx, gy, gt, planes, background, background_gaussians = _SHAPE.unpack_from(
+        payload, _SUMMARY.size
+    )
     head = GopHead(
         first_frame=first_frame,
         frames=frames,
@@ -160,12 +162,12 @@ def parse_gop_head(payload: bytes) -> GopHead:
         last_duration=duration,
         grid=(gx, gy, gt),
         planes=planes,
-        scene=scene,
-        scene_gaussians=scene_gaussians,
+        background=background,
+        background_gaussians=background_gaussians,
     )
     head.check()
-    if (scene == 0) != (scene_gaussians == 0):
-        raise CorruptError(f"scene {scene} of {scene_gaussians} Gaussians")
+    if (background == 0) != (background_gaussians == 0):
+        raise CorruptError(f"background {background} of {background_gaussians} Gaussians")
     if any(head.grid) and not all(head.grid):
         raise CorruptError(f"tri-plane of {gx}x{gy}x{gt}, expected no size zero or all")
     return head

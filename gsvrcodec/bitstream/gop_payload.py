@@ -15,7 +15,7 @@ from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Shape
+from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, GopShape
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.quantise import Precision
@@ -31,8 +31,10 @@ class GopContent:
     first_frame: int  #: number of its first frame in the file
     pts: Ticks  #: (F,) presentation timestamps, ticks, strictly increasing
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
-    scene: int = 0  #: number of the scene whose Gaussians are drawn as well; 0 = none
-    shown: NDArray[np.bool_] | None = None  #: which of them, (N of the scene,); None = no scene
+    background: int = 0  #: number of the background whose Gaussians are drawn as well; 0 = none
+    shown: NDArray[np.bool_] | None = (
+        None  #: which of them, (N of the background,); None = no background
+    )
 
 
 def pack_gop(
@@ -43,27 +45,27 @@ def pack_gop(
     precision: Precision,
     codecs: Collection[Codec] = PACKS["auto"],
     *,
-    scene: int = 0,
+    background: int = 0,
     shown: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
     Args:
         gop: What to store; all values finite.
-        pts: Shape (F,), strictly increasing, ticks.
-        durations: Shape (F,), ticks, 0 = not known.
+        pts: GopShape (F,), strictly increasing, ticks.
+        durations: GopShape (F,), ticks, 0 = not known.
         first_frame: Number of its first frame in the file.
         precision: Bits of each attribute (1 to 16), or steps of its components.
         codecs: Plane codecs to choose from.
-        scene: Number of the scene whose Gaussians it shows as well; 0 = none.
-        shown: Which of them, in the scene's stored order; None = no scene.
+        background: Number of the background whose Gaussians it shows as well; 0 = none.
+        shown: Which of them, in the background's stored order; None = no background.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
     """
     if not 1 <= len(pts) == len(durations):
         raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
-    shape = Shape(len(gop), grid_size(gop), 0 if shown is None else len(shown))
+    shape = GopShape(len(gop), grid_size(gop), 0 if shown is None else len(shown))
     order = strip_order(gop.position)
     values: dict[str, NDArray[np.floating]] = {}
     for attribute in ATTRIBUTES:
@@ -81,8 +83,8 @@ def pack_gop(
         last_duration=int(durations[-1]),
         grid=shape.grid,
         planes=planes,
-        scene=scene,
-        scene_gaussians=shape.scene,
+        background=background,
+        background_gaussians=shape.background,
     )
     return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
 
@@ -108,7 +110,7 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
         head.first_frame,
         pts,
         durations,
-        head.scene,
+        head.background,
         None if shown is None else shown != 0,
     )
 
@@ -140,8 +142,8 @@ def _parse(
     return pts, durations, entries, offset
 
 
-def _shape(head: GopHead) -> Shape:
-    return Shape(head.gaussians, head.grid, head.scene_gaussians)
+def _shape(head: GopHead) -> GopShape:
+    return GopShape(head.gaussians, head.grid, head.background_gaussians)
 
 
 def _gop(values: dict[str, Float32Array], head: GopHead) -> Gop:

@@ -14,10 +14,10 @@ VERSION_MINOR = 4
 
 #: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
 PYRAMID_FLAG = 1
-#: Must-understand flag: GOPs may show the Gaussians of a scene. Set since version 0.4.
-SCENES_FLAG = 2
+#: Must-understand flag: GOPs may show the Gaussians of a background. Set since version 0.4.
+BACKGROUNDS_FLAG = 2
 #: All bits of the must-understand flags that this version knows; all of them must be set.
-KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | SCENES_FLAG
+KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | BACKGROUNDS_FLAG
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")

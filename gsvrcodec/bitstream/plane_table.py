@@ -60,7 +60,7 @@ def parse_plane_table(
     """Read and check a plane table, and that the planes behind it end with the payload.
 
     Args:
-        payload: Of a GOP or a scene.
+        payload: Of a GOP or a background.
         offset: Where the table starts in it.
         planes: How many entries it is said to have.
         expected: Those it must have: attribute, component, width, height.

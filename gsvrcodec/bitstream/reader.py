@@ -10,8 +10,13 @@ from functools import cached_property
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import SCENE_HEAD_BYTES, SceneEntry, parse_scene_head
+from gsvrcodec.bitstream.background_head import (
+    BACKGROUND_HEAD_BYTES,
+    BackgroundEntry,
+    parse_background_head,
+)
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     CRITICAL_TYPES,
     END_TYPE,
     HEAD_BYTES,
@@ -19,7 +24,6 @@ from gsvrcodec.bitstream.chunk import (
     INDEX_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
-    SCENE_TYPE,
     SETTINGS_TYPE,
     SIGNATURE,
     STREAMS_TYPE,
@@ -108,8 +112,8 @@ class GsvrReader:
 
     @property
     def gaussians(self) -> int:
-        """Gaussians of all GOPs and scenes together."""
-        return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.scenes)
+        """Gaussians of all GOPs and backgrounds together."""
+        return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.backgrounds)
 
     @property
     def frames(self) -> int:
@@ -163,16 +167,19 @@ class GsvrReader:
             raise error.located(entry.chunk.name, entry.offset) from None
         return payload
 
-    def find_scene(self, number: int, position: int) -> SceneEntry:
-        """The scene that `gops[position]` calls `number`, for `read_chunk`.
+    def find_background(self, number: int, position: int) -> BackgroundEntry:
+        """The background that `gops[position]` calls `number`, for `read_chunk`.
 
         Raises:
             CorruptError: It is lost, or does not stand before the GOP.
         """
-        for scene in self.scenes:
-            if scene.number == number and scene.chunk.offset < self._gops[position].offset:
-                return scene
-        raise CorruptError(f"scene {number} is lost")
+        for background in self.backgrounds:
+            if (
+                background.number == number
+                and background.chunk.offset < self._gops[position].offset
+            ):
+                return background
+        raise CorruptError(f"background {number} is lost")
 
     def read_chunk(self, chunk: ChunkEntry) -> bytes:
         """The payload of one of `chunks`, checked against its CRC.
@@ -239,16 +246,18 @@ class GsvrReader:
         return Tags() if payload is None else parse_tags(payload)
 
     @cached_property
-    def scenes(self) -> tuple[SceneEntry, ...]:
-        """The scenes whose heads can be read, in file order; none out of turn."""
-        found: list[SceneEntry] = []
+    def backgrounds(self) -> tuple[BackgroundEntry, ...]:
+        """The backgrounds whose heads can be read, in file order; none out of turn."""
+        found: list[BackgroundEntry] = []
         for chunk in self._chunks:
-            if chunk.type == SCENE_TYPE and chunk.size >= SCENE_HEAD_BYTES:
-                start = self._source.read(chunk.payload_offset, SCENE_HEAD_BYTES)
+            if chunk.type == BACKGROUND_TYPE and chunk.size >= BACKGROUND_HEAD_BYTES:
+                start = self._source.read(chunk.payload_offset, BACKGROUND_HEAD_BYTES)
                 with suppress(CorruptError):
-                    head = parse_scene_head(start)
+                    head = parse_background_head(start)
                     if not found or head.number > found[-1].number:
-                        found.append(SceneEntry(head.number, head.gaussians, head.planes, chunk))
+                        found.append(
+                            BackgroundEntry(head.number, head.gaussians, head.planes, chunk)
+                        )
         return tuple(found)
 
     @property

@@ -6,13 +6,13 @@ import re
 from dataclasses import dataclass, field
 
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     CRITICAL_TYPES,
     END_TYPE,
     GOP_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
     OVERHEAD_BYTES,
-    SCENE_TYPE,
     ChunkEntry,
     is_critical,
     parse_chunk_head,
@@ -24,7 +24,7 @@ from gsvrcodec.limits import Limits
 
 _WINDOW_BYTES = 1 << 20
 _MAX_WARNINGS = 20
-_SOUGHT = re.compile(re.escape(GOP_TYPE) + b"|" + re.escape(SCENE_TYPE))
+_SOUGHT = re.compile(re.escape(GOP_TYPE) + b"|" + re.escape(BACKGROUND_TYPE))
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Walk:
 
 
 def walk(source: Source, start: int, limits: Limits) -> Walk:
-    """Go from chunk head to chunk head from `start`, past damage where a GOP or a scene follows it.
+    """Go from chunk head to chunk head, past damage where a GOP or a background follows it.
 
     Payloads are not read, except the heads of GOPs.
 
@@ -124,7 +124,7 @@ def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
 
 
 def _next_sound(source: Source, start: int, limits: Limits, tries: int) -> tuple[int | None, int]:
-    """Offset of the next sound head of a GOP or scene from `start` on, or None; and the tries.
+    """Offset of the next sound head of a GOP or background from `start` on, or None; and the tries.
 
     A payload may hold bytes that look like a chunk; only the head's own CRC tells them apart.
     """

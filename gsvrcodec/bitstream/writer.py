@@ -6,14 +6,14 @@ from dataclasses import replace
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import parse_scene_head
+from gsvrcodec.bitstream.background_head import parse_background_head
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     END_TYPE,
     GOP_TYPE,
     HEAD_TYPE,
     INDEX_TYPE,
     OVERHEAD_BYTES,
-    SCENE_TYPE,
     SIGNATURE,
     STRUCTURAL_TYPES,
     ChunkEntry,
@@ -45,7 +45,7 @@ class GsvrWriter:
         )
         self._chunks: list[ChunkEntry] = []
         self._gops: list[GopEntry] = []
-        self._scenes: dict[int, int] = {}
+        self._backgrounds: dict[int, int] = {}
         self._closed = False
         start = SIGNATURE + chunk_bytes(HEAD_TYPE, self._header.to_bytes())
         file.seek(0)
@@ -64,25 +64,25 @@ class GsvrWriter:
 
     @property
     def gaussians(self) -> int:
-        """Gaussians of all GOPs and scenes written so far."""
-        return sum(gop.gaussians for gop in self._gops) + sum(self._scenes.values())
+        """Gaussians of all GOPs and backgrounds written so far."""
+        return sum(gop.gaussians for gop in self._gops) + sum(self._backgrounds.values())
 
     @property
     def size(self) -> int:
         """Bytes written so far."""
         return self._end
 
-    def add_scene(self, payload: bytes) -> None:
+    def add_background(self, payload: bytes) -> None:
         """Append a background, as `pack_background` gives it, before the first GOP that shows it.
 
         Raises:
-            ValueError: The payload has no head of a scene, or not a greater number than the last.
+            ValueError: The payload has no background head, or a number not above the last one's.
         """
-        head = parse_scene_head(payload)
-        if head.number <= max(self._scenes, default=0):
-            raise ValueError(f"scene {head.number} after scene {max(self._scenes)}")
-        self._append(SCENE_TYPE, payload)
-        self._scenes[head.number] = head.gaussians
+        head = parse_background_head(payload)
+        if head.number <= max(self._backgrounds, default=0):
+            raise ValueError(f"background {head.number} after background {max(self._backgrounds)}")
+        self._append(BACKGROUND_TYPE, payload)
+        self._backgrounds[head.number] = head.gaussians
 
     def add_gop(self, payload: bytes) -> GopEntry:
         """Append a GOP, as packed by `gsvrcodec.bitstream.gop_payload.pack_gop`.
@@ -92,11 +92,11 @@ class GsvrWriter:
 
         Raises:
             ValueError: The payload does not start with a GOP head that continues the last GOP, or
-                its scene was not added.
+                its background was not added.
         """
         head = parse_gop_head(payload)
-        if self._scenes.get(head.scene, 0) != head.scene_gaussians:
-            raise ValueError(f"the GOP shows scene {head.scene}, which was not added")
+        if self._backgrounds.get(head.background, 0) != head.background_gaussians:
+            raise ValueError(f"the GOP shows background {head.background}, which was not added")
         entry = unpack_summary(payload, ChunkEntry(GOP_TYPE, self._end, len(payload)))
         entry.check_follows(self._gops[-1] if self._gops else None)
         most = self._header.max_grid

@@ -37,7 +37,7 @@ _GROUPS = {
     "Sound and subtitles": ("audio", "subtitles"),
     "Output": ("overwrite", "resume", "verify", "stats", "progress", "quiet"),
     "Model": (
-        *("gop", "gop_min", "gop_max", "scenes", "profile"),
+        *("gop", "gop_min", "gop_max", "backgrounds", "profile"),
         *("deform", "flow", "qat", "pack", "seed"),
     ),
     "General": ("version", "help"),
@@ -174,8 +174,8 @@ def main(args: Sequence[str] | None = None) -> int:
     help="Longest adaptive GOP, frames; by default 32, and up to 128 for small files.",
 )
 @click.option(
-    "--scenes/--no-scenes",
-    default=_DEFAULTS.scenes,
+    "--backgrounds/--no-backgrounds",
+    default=_DEFAULTS.backgrounds,
     help="Store what stands still from GOP to GOP once.",
 )
 @click.option(

@@ -135,9 +135,9 @@ def _lines(info: FileInfo) -> Iterator[str]:
         "parameters": f"{info.parameters:,}",
         "size": size,
     }
-    if info.scenes:
-        still = sum(scene.gaussians for scene in info.scenes)
-        rows["scenes"] = f"{len(info.scenes):,}, of {still:,} Gaussians that stand still"
+    if info.backgrounds:
+        still = sum(background.gaussians for background in info.backgrounds)
+        rows["backgrounds"] = f"{len(info.backgrounds):,}, of {still:,} Gaussians that stand still"
     settings = [f"{key} {value}" for key, value in meta.settings.items() if value is not None]
     if settings:
         rows["settings"] = ", ".join(settings)
@@ -159,12 +159,12 @@ def _gop_lines(info: FileInfo) -> Iterator[str]:
     """Yield a table of the GOPs."""
     base = info.metadata.time_base
     yield ""
-    yield "first frame  frames     start s   Gaussians  scene          grid       bytes"
+    yield "first frame  frames     start s   Gaussians  background          grid       bytes"
     for gop in info.gops:
         grid = "x".join(map(str, gop.grid)) if any(gop.grid) else "-"
         yield (
             f"{gop.first_frame:>11}{gop.frames:>8}{float(gop.start_pts * base):>12.4f}"
-            f"{gop.gaussians:>12,}{gop.scene or '-':>7}{grid:>14}{gop.bytes:>12,}"
+            f"{gop.gaussians:>12,}{gop.background or '-':>12}{grid:>14}{gop.bytes:>12,}"
         )
 
 

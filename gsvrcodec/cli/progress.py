@@ -65,7 +65,11 @@ class EncodeDisplay(_Display):
 
     def __call__(self, state: Progress) -> None:
         """Show the state of an encode."""
-        parts = [f"scene {state.scene}/{state.scenes}"] if state.scene < state.scenes else []
+        parts = (
+            [f"background {state.background}/{state.backgrounds}"]
+            if state.background < state.backgrounds
+            else []
+        )
         parts += [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
         if state.psnr is not None:
             parts.append(f"{state.psnr:.2f} dB")

@@ -14,12 +14,13 @@ from typing import Self, overload
 import numpy as np
 
 from gsvrcodec.bitstream.tags import StreamTags
-from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata, Samples
+from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
 from gsvrcodec.decoder.gop_cache import GopStore
-from gsvrcodec.decoder.pictures import PictureMaker, Size, picture_size
+from gsvrcodec.decoder.pictures import PictureMaker, RequestedSize, picture_size
 from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
+from gsvrcodec.render import Codes
 from gsvrcodec.render.device import choose_device
 
 _log = logging.getLogger(__name__)
@@ -36,7 +37,7 @@ class Decoder:
         self,
         path: str | os.PathLike[str],
         *,
-        size: Size | None = None,
+        size: RequestedSize | None = None,
         layers: Layers = "all",
         bit_depth: int | None = 8,
         threads: int = 0,
@@ -208,12 +209,12 @@ class Decoder:
                 except (CorruptError, LimitError) as error:
                     _log.warning("a copied stream is left out: %s", error)
 
-    def render(self, seconds: float | Fraction, size: Size | None = None) -> Samples:
+    def render(self, seconds: float | Fraction, size: RequestedSize | None = None) -> Codes:
         """Return the picture at any time, between frames too.
 
         At the timestamp of a frame it is that frame. In between, the Gaussians are where their
         motion takes them. The motion of a GOP ends with its last frame: from there to the first
-        frame of the next one fades into the other, or stays if the two are different scenes.
+        frame of the next one fades into the other, or stays if the two are different shots.
 
         Args:
             seconds: from when the first frame appears until before the last one ends; a fraction
@@ -230,10 +231,12 @@ class Decoder:
             UsageError: the size makes no sense.
             ValueError: nothing is shown at that time, or the decoder is closed.
         """
-        picture: Samples = self.render_many([seconds], size)[0]
+        picture: Codes = self.render_many([seconds], size)[0]
         return picture
 
-    def render_many(self, seconds: Iterable[float | Fraction], size: Size | None = None) -> Samples:
+    def render_many(
+        self, seconds: Iterable[float | Fraction], size: RequestedSize | None = None
+    ) -> Codes:
         """Return the pictures at several times, (F, H, W, 3), in their order; see `render`."""
         self._store.check_open()
         pixels = self.size
@@ -251,7 +254,7 @@ class Decoder:
             start += len(moments)
         return data
 
-    def rendered(self, seconds: Iterable[float | Fraction]) -> Iterator[tuple[int, Samples]]:
+    def rendered(self, seconds: Iterable[float | Fraction]) -> Iterator[tuple[int, Codes]]:
         """Yield the number and the picture of each of many times, few of them in memory.
 
         With `keep_going`, pictures of damaged GOPs are left out and counted.
@@ -356,7 +359,7 @@ class Decoder:
 def open(
     path: str | os.PathLike[str],
     *,
-    size: Size | None = None,
+    size: RequestedSize | None = None,
     layers: Layers = "all",
     bit_depth: int | None = 8,
     threads: int = 0,

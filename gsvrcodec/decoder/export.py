@@ -14,7 +14,7 @@ from typing import Any
 
 from gsvrcodec.decoder.decoder import Decoder
 from gsvrcodec.decoder.decoder import open as open_gsvr
-from gsvrcodec.decoder.pictures import Size
+from gsvrcodec.decoder.pictures import RequestedSize
 from gsvrcodec.decoder.schedule import Number, Schedule, Shot, schedule
 from gsvrcodec.errors import CorruptError, UsageError
 from gsvrcodec.limits import Limits
@@ -49,7 +49,7 @@ def decode(
     stop_seconds: Number | None = None,
     fps: Number | None = None,
     speed: Number = 1,
-    size: Size | None = None,
+    size: RequestedSize | None = None,
     layers: Layers = "all",
     bit_depth: int | None = None,
     overwrite: bool = False,

@@ -16,21 +16,19 @@ from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.errors import CorruptError, LimitError
+from gsvrcodec.render import Codes
 
 _log = logging.getLogger(__name__)
 
 #: Ticks that a time in seconds may be away from the timestamp it was computed from.
 _TICK_TOLERANCE = Fraction(1, 10**6)
 
-#: RGB samples: uint8, or uint16 for a bit depth over 8. A decoder on a GPU gives torch tensors.
-Samples = NDArray[np.uint8] | NDArray[np.uint16]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One decoded picture."""
 
-    data: Samples  #: (H, W, 3) red, green, blue
+    data: Codes  #: (H, W, 3) red, green, blue
     index: int  #: number in the video, from 0
     pts: int  #: presentation time, ticks of the time base
     duration: int  #: how long it is shown, ticks; 0 = not known
@@ -42,7 +40,7 @@ class Frame:
 class FrameBatch:
     """Several decoded pictures, in the order asked for."""
 
-    data: Samples  #: (F, H, W, 3) red, green, blue
+    data: Codes  #: (F, H, W, 3) red, green, blue
     index: NDArray[np.int64]  #: (F,) numbers in the video, from 0
     pts: NDArray[np.int64]  #: (F,) presentation times, ticks of the time base
     duration: NDArray[np.int64]  #: (F,) how long each is shown, ticks; 0 = not known
@@ -77,7 +75,7 @@ class Metadata:
     height: int  #: pixels
     frames: int  #: frames in the video
     gops: int  #: groups of pictures
-    gaussians: int  #: of all GOPs and scenes together
+    gaussians: int  #: of all GOPs and backgrounds together
     time_base: Fraction  #: seconds a tick
     begin_seconds: Fraction  #: when the first frame appears
     end_seconds: Fraction  #: when the last frame ends

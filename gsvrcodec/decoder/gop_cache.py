@@ -12,12 +12,12 @@ from threading import Lock
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Scene, with_scene
+from gsvrcodec.model.background import Background, with_background
 from gsvrcodec.model.pyramid import by_level
 
 #: Enough for a few readers at different places of one film.
@@ -39,7 +39,7 @@ class GopStore:
         self._start_pts = [entry.start_pts for entry in self.reader.gops]
         self._cache: OrderedDict[int, Future[GopContent]] = OrderedDict()
         self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
-        self._last_scene: Scene | None = None
+        self._last_background: Background | None = None
         self._lock = Lock()
         self._closed = False
 
@@ -111,24 +111,28 @@ class GopStore:
             return self._cache[position]
 
     def _unpacked(self, position: int) -> GopContent:
-        """Read and unpack a GOP, with what it shows of its scene."""
+        """Read and unpack a GOP, with what it shows of its background."""
         payload = self.reader.read_gop(position)
         try:
             content = unpack_gop(payload, self.reader.header, self._limits)
             gop = content.gop
             if content.shown is not None:
-                gop = with_scene(gop, self._scene(content.scene, position), content.shown)
+                gop = with_background(
+                    gop, self._background(content.background, position), content.shown
+                )
         except CorruptError as error:
             chunk = self.reader.gops[position].chunk
             raise error.located(chunk.name, chunk.offset) from error
         return replace(content, gop=by_level(gop))
 
-    def _scene(self, number: int, position: int) -> Scene:
-        """The scene that a GOP calls `number`; only the unpacker's thread calls this."""
-        if self._last_scene is None or self._last_scene.number != number:
-            chunk = self.reader.find_scene(number, position).chunk
+    def _background(self, number: int, position: int) -> Background:
+        """The background that a GOP calls `number`; only the unpacker's thread calls this."""
+        if self._last_background is None or self._last_background.number != number:
+            chunk = self.reader.find_background(number, position).chunk
             try:
-                self._last_scene = unpack_scene(self.reader.read_chunk(chunk), self._limits)
+                self._last_background = unpack_background(
+                    self.reader.read_chunk(chunk), self._limits
+                )
             except CorruptError as error:
                 raise error.located(chunk.name, chunk.offset) from error
-        return self._last_scene
+        return self._last_background

@@ -21,9 +21,9 @@ from gsvrcodec.render import Codes, empty_frames, render_frames
 
 #: Width and height in pixels, where -1 stands for what keeps the shape and -2 for the even number
 #: next to that; or a factor for both.
-Size = tuple[int, int] | float
+RequestedSize = tuple[int, int] | float
 
-#: Two frames that differ by more than this part of white, on average, belong to two scenes.
+#: Two frames that differ by more than this part of white, on average, belong to two shots.
 _CUT = 0.1
 
 
@@ -77,7 +77,7 @@ class PictureMaker:
         """Mix the last frame of a GOP and the first of the next into `out` (F, H, W, 3).
 
         `ticks` (F,) lie between the two, and each weighs as much as the time is near to it. If
-        they differ as two scenes do, the first one stays.
+        they differ as two shots do, the first one stays.
         """
         ends = empty_frames(2, size, bit_depth=self.bit_depth)
         self.moments(before, [Fraction(int(before.pts[-1]))], size, ends[:1])
@@ -112,7 +112,9 @@ def _fill(picture: Any, codes: Codes) -> None:
         picture.copy_(picture.new_tensor(codes))
 
 
-def picture_size(size: Size | None, coded: tuple[int, int], limits: Limits) -> tuple[int, int]:
+def picture_size(
+    size: RequestedSize | None, coded: tuple[int, int], limits: Limits
+) -> tuple[int, int]:
     """Return width and height in pixels.
 
     Args:
@@ -133,7 +135,7 @@ def picture_size(size: Size | None, coded: tuple[int, int], limits: Limits) -> t
     return width, height
 
 
-def _pixels(size: Size, coded: tuple[int, int]) -> tuple[int, int]:
+def _pixels(size: RequestedSize, coded: tuple[int, int]) -> tuple[int, int]:
     """Return the width and height that `size` stands for."""
     if not isinstance(size, tuple):
         if not (isfinite(size) and size > 0):

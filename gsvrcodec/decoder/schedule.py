@@ -9,8 +9,8 @@ from math import ceil, gcd, isfinite
 from typing import NamedTuple, Protocol
 
 from gsvrcodec.decoder.decoder import Decoder
-from gsvrcodec.decoder.frames import Samples
 from gsvrcodec.errors import UsageError
+from gsvrcodec.render import Codes
 
 #: Rates of containers are fractions of 32-bit numbers.
 _MAX_DENOMINATOR = 100_000
@@ -25,7 +25,7 @@ Number = float | Fraction
 class Shot(NamedTuple):
     """A picture and when it is shown."""
 
-    data: Samples  #: (H, W, 3)
+    data: Codes  #: (H, W, 3)
     pts: int  #: ticks of the schedule
     duration: int  #: ticks; 0 = not known
 

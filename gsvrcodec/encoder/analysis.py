@@ -25,17 +25,17 @@ _CUT_RATIO = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class FrameStats:
     """From one frame to the next."""
 
     motion: float  #: mean length of the flow, pixels of the analysed frame
-    cut: bool  #: a new scene begins
+    cut: bool  #: a new shot begins
     #: what is new: mean squared difference to the frame before, moved along the flow
     change: float = 0.0
     detail: float = 0.0  #: mean squared gradient
 
 
-def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
+def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameStats]:
     """Measure each frame against the one before; the first counts as a cut.
 
     Args:
@@ -43,12 +43,12 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
         estimate: optical flow.
     """
     previous: Image | None = None
-    usual: float | None = None  # running mean of the difference between frames of a scene
+    usual: float | None = None  # running mean of the difference between frames of a shot
     for frame in frames:
         small = resize(frame, ANALYSIS_HEIGHT)
         detail = _detail(small)
         if previous is None:
-            yield Step(0.0, True, 0.0, detail)
+            yield FrameStats(0.0, True, 0.0, detail)
         else:
             difference = float(cv2.absdiff(previous, small).mean())
             cut = (
@@ -57,11 +57,11 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[Step]:
                 and _histogram_correlation(previous, small) < _CUT_CORRELATION
             )
             if cut:
-                yield Step(0.0, True, 0.0, detail)
+                yield FrameStats(0.0, True, 0.0, detail)
             else:
                 flow = estimate(previous, small)
                 change = _change(previous, small, flow)
-                yield Step(motion_degree(flow), False, change, detail)
+                yield FrameStats(motion_degree(flow), False, change, detail)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
 

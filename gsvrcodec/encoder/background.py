@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.encoder.analysis import ANALYSIS_HEIGHT, Step
+from gsvrcodec.encoder.analysis import ANALYSIS_HEIGHT, FrameStats
 from gsvrcodec.errors import InputError
 from gsvrcodec.fit.flow import Image, resize
 from gsvrcodec.fit.start import gradient
-from gsvrcodec.model.background import Scene
+from gsvrcodec.model.background import Background
 
 #: Frames of a GOP and of a run that are looked at.
 _GOP_SAMPLES, _MOST_SAMPLES = 4, 16
-#: The most frames that share a scene: light changes.
+#: The most frames that share a background: light changes.
 _LONGEST = 400
 #: A place stands still if what changes there, in mean square, is less than this share of its
 #: variance, or than so many squared codes.
@@ -35,19 +35,19 @@ _LEAST_SHARE = 0.6
 class StillShot:
     """A run of GOPs between cuts, much of which stands still."""
 
-    number: int  #: of its scene, from 1
+    number: int  #: of its background, from 1
     gops: range  #: positions among the GOPs
     share: float  #: of all detail, that of what stands still
     picture: bytes  #: what stands still, a PNG file; what moves in it is blurred
 
 
 def still_shots(
-    frames: Iterable[Image], gops: Sequence[range], steps: Sequence[Step]
+    frames: Iterable[Image], gops: Sequence[range], steps: Sequence[FrameStats]
 ) -> Iterator[StillShot]:
     """Yield runs of two GOPs or more between cuts, much of which stands still.
 
-    A run grows GOP by GOP as long as small pictures stand still; whether it is worth a scene is
-    decided by pictures as they are. No frame is asked for if no two GOPs belong to one shot.
+    A run grows GOP by GOP as long as small pictures stand still; pictures of full size decide
+    whether it is worth a background. No frame is asked for if no two GOPs belong to one shot.
 
     Args:
         frames: (H, W, 3) uint8, read one at a time.
@@ -108,7 +108,7 @@ class _Run:
             del self._samples[1::2], self._small[1::2]
 
     def still(self, number: int) -> StillShot | None:
-        """Return the run, if it is worth a scene of this number."""
+        """Return the run, if it is worth a background of this number."""
         if self._stop - self.start < 2:
             return None
         picture, share = still_picture(self._samples)
@@ -174,11 +174,13 @@ def _outlasts(picture: Image, change: NDArray[np.float32]) -> NDArray[np.bool_]:
     return lasting
 
 
-def shown_of(scene: Scene, picture: Image, frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return which Gaussians of a scene the frames (F, H, W, 3) of a GOP show, (N,)."""
+def shown_of(
+    background: Background, picture: Image, frames: NDArray[np.uint8]
+) -> NDArray[np.bool_]:
+    """Return which Gaussians of a background the frames (F, H, W, 3) of a GOP show, (N,)."""
     height, width = picture.shape[:2]
     rests = at_rest(picture, frames)
-    x, y = np.floor((scene.gop.position + 1) / 2 * (width, height)).astype(np.intp).T
+    x, y = np.floor((background.gop.position + 1) / 2 * (width, height)).astype(np.intp).T
     shown: NDArray[np.bool_] = rests[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
     return shown
 

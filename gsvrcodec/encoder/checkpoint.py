@@ -4,7 +4,7 @@ The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature 
 
     plan  JSON object: what the encode was begun with
     step  JSON: what the first pass over the input found, so that it need not be made again
-    scne  a finished scene: its payload
+    bkgd  a finished background: its payload
     part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
 
 Nothing is believed without its CRC; what a kill or a power cut left half-written is dropped.
@@ -22,7 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import parse_scene_head
+from gsvrcodec.bitstream.background_head import parse_background_head
 from gsvrcodec.bitstream.chunk import (
     HEAD_BYTES,
     OVERHEAD_BYTES,
@@ -35,11 +35,11 @@ from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
-_PLAN, _ANALYSIS, _SCENE, _PART = b"plan", b"step", b"scne", b"part"
+_PLAN, _ANALYSIS, _BACKGROUND, _PART = b"plan", b"step", b"bkgd", b"part"
 _LENGTH = struct.Struct("<I")
 
 
-class Parts:
+class Checkpoint:
     """The finished GOPs of one encode; only one process at a time has them.
 
     As a context manager: when the block succeeds the file is removed; when it fails the file
@@ -61,7 +61,7 @@ class Parts:
     ) -> None:
         self._entries: dict[range, tuple[dict[str, Any], ChunkEntry]] = {}
         self._analysis: Any = None
-        self._scenes: dict[int, bytes] = {}
+        self._backgrounds: dict[int, bytes] = {}
         self._end = 0
         self._file: BinaryIO
         content: dict[str, Any] = json.loads(json.dumps(plan))
@@ -123,18 +123,18 @@ class Parts:
         self._analysis = analysis
 
     @property
-    def scenes(self) -> int:
-        """How many scenes are finished."""
-        return len(self._scenes)
+    def backgrounds(self) -> int:
+        """How many backgrounds are finished."""
+        return len(self._backgrounds)
 
-    def scene(self, number: int) -> bytes | None:
-        """Return the payload of a finished scene, None if it is not there."""
-        return self._scenes.get(number)
+    def background(self, number: int) -> bytes | None:
+        """Return the payload of a finished background, None if it is not there."""
+        return self._backgrounds.get(number)
 
-    def add_scene(self, payload: bytes) -> None:
-        """Keep a finished scene."""
-        self._append(_SCENE, payload)
-        self._scenes[parse_scene_head(payload).number] = payload
+    def add_background(self, payload: bytes) -> None:
+        """Keep a finished background."""
+        self._append(_BACKGROUND, payload)
+        self._backgrounds[parse_background_head(payload).number] = payload
 
     def add(self, gop: range, facts: Mapping[str, Any], payload: bytes) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
@@ -187,7 +187,7 @@ class Parts:
         return len(start) < len(_SIGNATURE)
 
     def _begin(self, plan: dict[str, Any]) -> None:
-        self._entries, self._scenes, self._analysis = {}, {}, None
+        self._entries, self._backgrounds, self._analysis = {}, {}, None
         self._end = len(_SIGNATURE)
         self._file.seek(0)
         self._file.truncate()
@@ -241,8 +241,8 @@ class Parts:
         payload = self._read(entry)
         if entry.type == _ANALYSIS:
             self._analysis = _json(payload)
-        elif entry.type == _SCENE:
-            self._scenes[parse_scene_head(payload).number] = payload
+        elif entry.type == _BACKGROUND:
+            self._backgrounds[parse_background_head(payload).number] = payload
         elif entry.type == _PART:
             gop, facts, _ = _split(payload)
             self._entries[gop] = facts, entry

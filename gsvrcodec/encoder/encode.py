@@ -17,10 +17,10 @@ from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.encoder.analysis import Step, analyse
+from gsvrcodec.encoder.analysis import FrameStats, analyse
 from gsvrcodec.encoder.background import still_shots
-from gsvrcodec.encoder.checkpoint import Parts
-from gsvrcodec.encoder.job_queue import fit_scenes, processes_for, tasks
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.job_queue import fit_backgrounds, processes_for, tasks
 from gsvrcodec.encoder.plan import longest_gop, plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopStats
@@ -94,7 +94,7 @@ def encode(
     with (
         rereadable(src) as path,
         open_video(path, **reading_options(asdict(chosen))) as video,
-        Parts(beside, begun_with, resume=resume, restart=overwrite) as parts,
+        Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as parts,
     ):
         steps, shown = _analysis(video, chosen, parts)
         size = video.info.width, video.info.height
@@ -106,7 +106,7 @@ def encode(
         span = _span(shown, video.info.time_base, chosen)
         extras = read_extras(path, chosen.copied_kinds, span)
         pictures = (shot.rgb for shot in video)
-        stills = list(still_shots(pictures, gops, steps)) if chosen.may_have_scenes else []
+        stills = list(still_shots(pictures, gops, steps)) if chosen.may_have_backgrounds else []
         empty = _begin(io.BytesIO(), video.info, chosen, extras)
         overhead = empty.final_size(len(gops) + len(stills), 0)
         planned = plan(
@@ -119,12 +119,12 @@ def encode(
             streams=extras.streams_bytes,
             stills=stills,
         )
-        meter = Meter(gops, len(planned.scenes), parts, began, progress)
+        meter = Meter(gops, len(planned.backgrounds), parts, began, progress)
         meter.report()
-        scenes = fit_scenes(planned.scenes, gops, chosen, parts, meter.report)
+        backgrounds = fit_backgrounds(planned.backgrounds, gops, chosen, parts, meter.report)
         missing = [gop for gop in gops if gop not in parts]
         workers, threads = processes_for(missing, size, chosen)
-        waiting = tasks(video, gops, planned.gops, chosen, missing, workers, began, scenes)
+        waiting = tasks(video, gops, planned.gops, chosen, missing, workers, began, backgrounds)
         with closing(fit_gops(waiting, workers, threads)) as fitted:
             for done in fitted:
                 _keep(done, parts)
@@ -132,10 +132,10 @@ def encode(
         with gathered_output(dst, overwrite=overwrite) as path:
             with path.open("w+b") as file:
                 writer = _begin(file, video.info, chosen, extras)
-                first_of_scenes = {gops[shot.gops.start] for shot, _ in planned.scenes}
+                first_of_backgrounds = {gops[shot.gops.start] for shot, _ in planned.backgrounds}
                 for gop in gops:
-                    if gop in first_of_scenes:
-                        writer.add_scene(scenes[gop].payload)
+                    if gop in first_of_backgrounds:
+                        writer.add_background(backgrounds[gop].payload)
                     writer.add_gop(parts.payload(gop))
                 for stream in extras.streams:
                     writer.add_auxiliary(STREAMS_TYPE, stream.payload)
@@ -149,7 +149,7 @@ def encode(
         path=Path(dst),
         frames=frames,
         gops=len(gops),
-        scenes=len(planned.scenes),
+        backgrounds=len(planned.backgrounds),
         gaussians=writer.gaussians,
         bytes=writer.size,
         bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),
@@ -161,12 +161,12 @@ def encode(
 
 
 def _analysis(
-    video: VideoReader, settings: EncodeSettings, parts: Parts
-) -> tuple[list[Step], tuple[int, int]]:
+    video: VideoReader, settings: EncodeSettings, parts: Checkpoint
+) -> tuple[list[FrameStats], tuple[int, int]]:
     """Every frame as `analyse` measures it, and from when to when all are shown, ticks."""
     kept = parts.analysis
     with suppress(TypeError, KeyError):  # what is not there, or of another shape, is made anew
-        return [Step(**step) for step in kept["steps"]], (kept["shown"][0], kept["shown"][1])
+        return [FrameStats(**step) for step in kept["steps"]], (kept["shown"][0], kept["shown"][1])
     shown = [0, 0]
 
     def pictures() -> Iterator[Rgb]:
@@ -208,7 +208,7 @@ def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Ex
     return writer
 
 
-def _keep(done: FittedGop, parts: Parts) -> None:
+def _keep(done: FittedGop, parts: Checkpoint) -> None:
     """Put a finished GOP on the disk."""
     gop = done.gop
     facts = {"psnr": gop.psnr, "float_psnr": gop.float_psnr, "seconds": done.seconds}
@@ -216,7 +216,7 @@ def _keep(done: FittedGop, parts: Parts) -> None:
 
 
 def _stats(
-    gops: Sequence[range], steps: Sequence[Step], writer: GsvrWriter, parts: Parts
+    gops: Sequence[range], steps: Sequence[FrameStats], writer: GsvrWriter, parts: Checkpoint
 ) -> tuple[GopStats, ...]:
     pixels = writer.header.width * writer.header.height
     return tuple(

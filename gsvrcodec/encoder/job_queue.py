@@ -10,62 +10,62 @@ from itertools import islice
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.encoder.background import StillShot, still_rgb
-from gsvrcodec.encoder.checkpoint import Parts
-from gsvrcodec.encoder.jobs import FRAME_VISITS, GopTask, encode_gop, scene_task
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.jobs import FRAME_VISITS, GopTask, background_task, encode_gop
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.workers import processes, starts
 from gsvrcodec.errors import InputError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Scene
+from gsvrcodec.model.background import Background
 from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
 
 #: Roughly what a step of the fit takes for each pixel of its frame.
 _VISIT_SECONDS = 15e-9
-#: Part of the time of its GOPs that a scene takes.
-_SCENE_TIME = 0.12
+#: Part of the time of its GOPs that a background takes.
+_BACKGROUND_TIME = 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedScene:
-    """A scene for the GOPs that may show it."""
+class FittedBackground:
+    """A background for the GOPs that may show it."""
 
-    scene: Scene
+    background: Background
     payload: bytes  #: of its chunk
     picture: bytes  #: what it was fitted to, a PNG file
 
 
-def fit_scenes(
-    scenes: Sequence[tuple[StillShot, Budget]],
+def fit_backgrounds(
+    backgrounds: Sequence[tuple[StillShot, Budget]],
     gops: Sequence[range],
     settings: EncodeSettings,
-    parts: Parts,
+    parts: Checkpoint,
     report: Callable[[], None],
-) -> dict[range, FittedScene]:
-    """Fit the scenes that are not in `parts`, one after another, and return that of each GOP.
+) -> dict[range, FittedBackground]:
+    """Fit the backgrounds that are not in `parts`, one after another, and return that of each GOP.
 
     Args:
-        scenes: shots that get one, and its budget.
+        backgrounds: shots that get one, and its budget.
         gops: frames of all GOPs.
         settings: of the encode.
         parts: keeps what is finished.
         report: called after each.
     """
-    found: dict[range, FittedScene] = {}
-    for shot, budget in scenes:
-        payload = parts.scene(shot.number)
+    found: dict[range, FittedBackground] = {}
+    for shot, budget in backgrounds:
+        payload = parts.background(shot.number)
         if payload is None:
             frames = sum(len(gops[position]) for position in shot.gops)
-            task = scene_task(shot.number, still_rgb(shot.picture), frames, budget, settings)
+            task = background_task(shot.number, still_rgb(shot.picture), frames, budget, settings)
             if settings.time_budget is not None:
-                task = replace(task, seconds=_SCENE_TIME * settings.time_budget * frames)
+                task = replace(task, seconds=_BACKGROUND_TIME * settings.time_budget * frames)
             payload = encode_gop(task).payload
-            parts.add_scene(payload)
+            parts.add_background(payload)
             report()
-        scene = FittedScene(unpack_scene(payload, Limits()), payload, shot.picture)
-        found |= {gops[position]: scene for position in shot.gops}
+        background = FittedBackground(unpack_background(payload, Limits()), payload, shot.picture)
+        found |= {gops[position]: background for position in shot.gops}
     return found
 
 
@@ -93,7 +93,7 @@ def tasks(
     missing: Sequence[range],
     workers: int,
     began: float,
-    scenes: Mapping[range, FittedScene],
+    backgrounds: Mapping[range, FittedBackground],
 ) -> Iterator[GopTask]:
     """Yield the `missing` ones of the GOPs, read when they are asked for.
 
@@ -105,7 +105,7 @@ def tasks(
         missing: those still to be fitted, in order.
         workers: how many are fitted at the same time.
         began: when the encode began, `time.perf_counter()`.
-        scenes: of the GOPs that have one.
+        backgrounds: of the GOPs that have one.
 
     Raises:
         InputError: the video has become shorter.
@@ -124,8 +124,12 @@ def tasks(
             left = settings.time_budget * whole - (time.perf_counter() - began)
             seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
         task = _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
-        if gop in scenes:
-            task = replace(task, scene=scenes[gop].scene, scene_picture=scenes[gop].picture)
+        if gop in backgrounds:
+            task = replace(
+                task,
+                background=backgrounds[gop].background,
+                background_picture=backgrounds[gop].picture,
+            )
         yield task
 
 

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.background_payload import pack_scene
+from gsvrcodec.bitstream.background_payload import pack_background
 from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.background import shown_of, still_rgb
-from gsvrcodec.encoder.plan import PSNR_OCTAVE, Budget, Grid, most_gaussians, triplane_grid
+from gsvrcodec.encoder.plan import PSNR_OCTAVE, Budget, most_gaussians, triplane_grid
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.flow import flow_estimator
@@ -28,8 +28,8 @@ from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.fit.static import with_still
 from gsvrcodec.fit.target import Target, find_factor
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.background import Scene, only, together
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.background import Background, only, together
+from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, dequantised
 from gsvrcodec.model.time import Ticks, normalised_time
 from gsvrcodec.planes import PACKS
@@ -42,8 +42,8 @@ Shown = NDArray[np.bool_]
 #: Visits of each frame, by preset.
 FRAME_VISITS = {"fastest": 12, "fast": 40, "medium": 100, "slow": 400, "slowest": 1000}
 _MIN_STEPS, _MIN_TUNING_STEPS = 100, 30
-#: Of the fit of a scene, for each visit that a frame gets; and its least steps.
-_SCENE_VISITS, _MIN_SCENE_STEPS = 16, 200
+#: Of the fit of a background, for each visit that a frame gets; and its least steps.
+_BACKGROUND_VISITS, _MIN_BACKGROUND_STEPS = 16, 200
 #: Frames rendered together to measure their quality.
 _AT_ONCE = 8
 #: Part of the effort after which the publication's fit sees quantised values.
@@ -78,9 +78,9 @@ class GopTask:
     seconds: float | None  #: wall time to spend; None = by the preset
     target_bytes: int | None = None  #: of the payload; None = what it comes to
     target_psnr: float | None = None  #: dB, mean of the frames; None = what it comes to
-    grid: Grid | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
-    scene: Scene | None = None  #: what it may show of what other GOPs have too
-    scene_picture: bytes = b""  #: what the scene was fitted to, a PNG file
+    grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
+    background: Background | None = None  #: what it may show of what other GOPs have too
+    background_picture: bytes = b""  #: what the background was fitted to, a PNG file
 
     @property
     def steps(self) -> int:
@@ -93,7 +93,7 @@ class GopTask:
         return 1
 
     def pack(self, gop: Gop, precision: Precision, pack: Pack, shown: Shown | None) -> bytes:
-        """The payload of what was fitted, and what it shows of the scene."""
+        """The payload of what was fitted, and what it shows of the background."""
         return pack_gop(
             gop,
             self.pts,
@@ -101,14 +101,14 @@ class GopTask:
             self.first_frame,
             precision,
             PACKS[pack],
-            scene=0 if shown is None or self.scene is None else self.scene.number,
+            background=0 if shown is None or self.background is None else self.background.number,
             shown=shown,
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SceneTask(GopTask):
-    """A scene to be fitted as if it were a GOP: its frames are one picture."""
+class BackgroundTask(GopTask):
+    """A background to be fitted as if it were a GOP: its frames are one picture."""
 
     number: int = 1  #: by which GOPs name it
     shown: int = 1  #: frames of all these GOPs
@@ -121,18 +121,18 @@ class SceneTask(GopTask):
     @property
     def steps(self) -> int:
         """Steps of the fit, if it does not go by time."""
-        return max(_MIN_SCENE_STEPS, _SCENE_VISITS * FRAME_VISITS[self.settings.preset])
+        return max(_MIN_BACKGROUND_STEPS, _BACKGROUND_VISITS * FRAME_VISITS[self.settings.preset])
 
     def pack(self, gop: Gop, precision: Precision, pack: Pack, shown: Shown | None) -> bytes:
         """The payload of what was fitted."""
-        return pack_scene(self.number, gop, precision, PACKS[pack])
+        return pack_background(self.number, gop, precision, PACKS[pack])
 
 
-def scene_task(
+def background_task(
     number: int, picture: NDArray[np.uint8], shown: int, budget: Budget, settings: EncodeSettings
-) -> SceneTask:
+) -> BackgroundTask:
     """Return what to fit to a picture (H, W, 3) that GOPs of so many frames will share."""
-    return SceneTask(
+    return BackgroundTask(
         frames=picture[None],
         pts=np.zeros(1, np.int64),
         durations=np.zeros(1, np.int64),
@@ -178,18 +178,18 @@ def encode_gop(task: GopTask) -> EncodedGop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Behind:
-    """What a GOP shows of its scene; None = nothing."""
+    """What a GOP shows of its background; None = nothing."""
 
     shown: Shown | None = None  #: which Gaussians
     still: Gop | None = None  #: those Gaussians
 
 
 def _behind(task: GopTask) -> _Behind:
-    """Return what a GOP shows of its scene."""
-    if task.scene is None:
+    """Return what a GOP shows of its background."""
+    if task.background is None:
         return _Behind()
-    shown = shown_of(task.scene, still_rgb(task.scene_picture), task.frames)
-    return _Behind(shown, only(task.scene.gop, shown)) if shown.any() else _Behind()
+    shown = shown_of(task.background, still_rgb(task.background_picture), task.frames)
+    return _Behind(shown, only(task.background.gop, shown)) if shown.any() else _Behind()
 
 
 class _Fitted:
@@ -209,7 +209,7 @@ class _Fitted:
         Args:
             task: what to encode.
             gaussians: N.
-            behind: what is shown of the scene.
+            behind: what is shown of the background.
             share: part of the task's effort to spend; less than 1 is for a trial.
             spent: wall time that the task has taken so far, seconds.
         """

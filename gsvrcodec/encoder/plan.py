@@ -9,13 +9,11 @@ from statistics import fmean
 
 import numpy as np
 
-from gsvrcodec.encoder.analysis import Step
+from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.background import StillShot
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.errors import UsageError
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS
-
-Grid = tuple[int, int, int]
+from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
 
 #: Stored numbers a pixel and frame when nothing is asked for: the paper's 3M for its clip.
 DEFAULT_DENSITY = 3e6 / (132 * 1280 * 640)
@@ -40,14 +38,15 @@ _DEAR = 0.2
 _LONGEST_GOPS, _FRAMES_BPP = (32, 128), 3.2
 #: Largest ratio of a GOP's share to the mean, and of the mean to it.
 _MOST_UNEQUAL = 8.0
-#: Bits for each Gaussian of a scene, which has no motion.
+#: Bits for each Gaussian of a background, which has no motion.
 _STILL_BITS_EACH = 48.0
-#: Stored numbers of one Gaussian of a scene.
+#: Stored numbers of one Gaussian of a background.
 _STILL_PARAMETERS = 8
-#: What a scene gets, of what it and its GOPs have together: s / (1 + s), where s = weight x (still
-#: detail / other detail) x GOPs^power, so that the last bit of either buys as much; and the most.
+#: What a background gets, of what it and its GOPs have together: s / (1 + s), where s = weight x
+#: (still detail / other detail) x GOPs^power, so that the last bit of either buys as much; and
+#: the most.
 #: From 0.25 to 0.8 the weight hardly changes PSNR; less leaves more to what moves.
-_SCENE_WEIGHT, _SCENE_POWER, _MOST_SCENE = 0.3, -0.435, 0.75
+_BACKGROUND_WEIGHT, _BACKGROUND_POWER, _MOST_BACKGROUND = 0.3, -0.435, 0.75
 #: Payload of a GOP that is hardly more than its tables.
 LEAST_GOP_BYTES = 1500
 _CELL_PX = 20.0
@@ -62,7 +61,7 @@ class Budget:
     gaussians: int  #: N; with a quality to meet a first guess
     target_bytes: int | None = None  #: of its payload
     target_psnr: float | None = None  #: dB, mean of its frames
-    grid: Grid | None = None  #: Gx, Gy, Gt of its tri-plane; None = the usual
+    grid: GridSize | None = None  #: Gx, Gy, Gt of its tri-plane; None = the usual
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +69,11 @@ class Plan:
     """What all of a file gets."""
 
     gops: list[Budget]
-    scenes: list[tuple[StillShot, Budget]]  #: in the order of the film
+    backgrounds: list[tuple[StillShot, Budget]]  #: in the order of the film
 
 
 def longest_gop(
-    steps: Sequence[Step], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
+    steps: Sequence[FrameStats], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
 ) -> int:
     """Frames of the longest adaptive GOP.
 
@@ -102,7 +101,7 @@ def longest_gop(
 
 def plan(
     gops: Sequence[range],
-    steps: Sequence[Step],
+    steps: Sequence[FrameStats],
     size: tuple[int, int],
     settings: EncodeSettings,
     *,
@@ -111,7 +110,7 @@ def plan(
     streams: int = 0,
     stills: Sequence[StillShot] = (),
 ) -> Plan:
-    """Budgets of all GOPs and scenes, before the first is fitted: none depends on another's result.
+    """Budgets of all GOPs and backgrounds; none depends on the result of another's fit.
 
     Args:
         gops: Frames of each.
@@ -121,14 +120,14 @@ def plan(
         seconds: Duration of the video.
         overhead: Bytes of the file that are neither payloads of GOPs nor copied streams.
         streams: Bytes of the copied streams; part of `target_size` alone.
-        stills: Shots that get a scene.
+        stills: Shots that get a background.
 
     Raises:
         UsageError: What is asked for is too little for this video.
     """
     if not settings.has_target:
         counts = [Budget(count) for count in allocate(gops, size, settings)]
-        return _with_scenes(counts, stills, size, _STILL_PARAMETERS / GAUSSIAN_PARAMETERS)
+        return _with_backgrounds(counts, stills, size, _STILL_PARAMETERS / GAUSSIAN_PARAMETERS)
     shots = [steps[gop.start : gop.stop] for gop in gops]
     sizes: list[int | None] = [None] * len(gops)
     if settings.target_psnr is not None:
@@ -142,8 +141,8 @@ def plan(
     for each, most_bytes in zip(bits, sizes, strict=True):
         gaussians = min(max(1, round(each / _BITS_EACH)), most_gaussians(size))
         budgets.append(Budget(gaussians, most_bytes, settings.target_psnr))
-    result = _with_scenes(budgets, stills, size, _STILL_BITS_EACH / _BITS_EACH)
-    in_front = {position for shot, _ in result.scenes for position in shot.gops}
+    result = _with_backgrounds(budgets, stills, size, _STILL_BITS_EACH / _BITS_EACH)
+    in_front = {position for shot, _ in result.backgrounds for position in shot.gops}
     gridded = [
         replace(budget, grid=_grid(shot, budget.gaussians, size, settings, in_front=n in in_front))
         for n, (shot, budget) in enumerate(zip(shots, result.gops, strict=True))
@@ -151,14 +150,14 @@ def plan(
     return replace(result, gops=gridded)
 
 
-def _with_scenes(
+def _with_backgrounds(
     budgets: Sequence[Budget], stills: Sequence[StillShot], size: tuple[int, int], price: float
 ) -> Plan:
-    """Take from GOPs what their scenes get; a Gaussian of those costs `price` of another."""
-    of_gops, of_scenes = list(budgets), []
+    """Take from GOPs what their backgrounds get; a Gaussian of those costs `price` of another."""
+    of_gops, of_backgrounds = list(budgets), []
     for shot in stills:
         own = of_gops[shot.gops.start : shot.gops.stop]
-        shares = [_scene_part(shot) * _free_part(budget) for budget in own]
+        shares = [_background_part(shot) * _free_part(budget) for budget in own]
         taken = [
             int(share * (budget.target_bytes or 0))
             for share, budget in zip(shares, own, strict=True)
@@ -179,9 +178,9 @@ def _with_scenes(
         quality = own[0].target_psnr
         if quality is not None:
             # What all GOPs share is worth more.
-            quality += 1.0 - 10 * _SCENE_POWER * math.log10(len(own))
-        of_scenes.append((shot, Budget(gaussians, sum(taken) if sized else None, quality)))
-    return Plan(of_gops, of_scenes)
+            quality += 1.0 - 10 * _BACKGROUND_POWER * math.log10(len(own))
+        of_backgrounds.append((shot, Budget(gaussians, sum(taken) if sized else None, quality)))
+    return Plan(of_gops, of_backgrounds)
 
 
 def _free_part(budget: Budget) -> float:
@@ -191,11 +190,11 @@ def _free_part(budget: Budget) -> float:
     return max(0.0, 1 - 2 * LEAST_GOP_BYTES / budget.target_bytes)
 
 
-def _scene_part(shot: StillShot) -> float:
-    """What a scene gets of what it and its GOPs have together."""
-    ratio = _SCENE_WEIGHT * shot.share / max(1 - shot.share, 1e-3)
-    ratio *= math.pow(len(shot.gops), _SCENE_POWER)
-    return min(ratio / (1 + ratio), _MOST_SCENE)
+def _background_part(shot: StillShot) -> float:
+    """What a background gets of what it and its GOPs have together."""
+    ratio = _BACKGROUND_WEIGHT * shot.share / max(1 - shot.share, 1e-3)
+    ratio *= math.pow(len(shot.gops), _BACKGROUND_POWER)
+    return min(ratio / (1 + ratio), _MOST_BACKGROUND)
 
 
 def _wanted(
@@ -209,7 +208,7 @@ def _wanted(
     return f"--target-size {settings.target_size}", (settings.target_size or 0) - streams
 
 
-def _shares(shots: Sequence[Sequence[Step]], total: float, option: str) -> list[int]:
+def _shares(shots: Sequence[Sequence[FrameStats]], total: float, option: str) -> list[int]:
     """Bytes for each GOP, by length and by how hard its frames are."""
     spare = total - LEAST_GOP_BYTES * len(shots)
     if spare < 0:
@@ -226,16 +225,16 @@ def _shares(shots: Sequence[Sequence[Step]], total: float, option: str) -> list[
 
 
 def _grid(
-    shot: Sequence[Step],
+    shot: Sequence[FrameStats],
     gaussians: int,
     size: tuple[int, int],
     settings: EncodeSettings,
     *,
     in_front: bool,
-) -> Grid:
+) -> GridSize:
     """The usual tri-plane; half as many cells each way in space where it is dear, or also in time.
 
-    The latter where little moves, and to the few Gaussians in front of a scene.
+    The latter where little moves, and to the few Gaussians in front of a background.
     """
     gx, gy, gt = triplane_grid(size, len(shot), settings)
     dear = grid_parameters((gx, gy, gt)) > _DEAR * GAUSSIAN_PARAMETERS * gaussians
@@ -246,13 +245,13 @@ def _grid(
     return gx, gy, -(-gt // 2) if idle else gt
 
 
-def _bpp(steps: Sequence[Step], psnr: float) -> float:
+def _bpp(steps: Sequence[FrameStats], psnr: float) -> float:
     """Bits a pixel that frames may need for a quality, dB."""
     error = 255.0**2 / 10 ** (psnr / 10)
     return float((_ERROR * _complexity(steps) / error) ** (1 / _FALL))
 
 
-def _complexity(steps: Sequence[Step]) -> float:
+def _complexity(steps: Sequence[FrameStats]) -> float:
     """How hard frames are to code, mean squared codes."""
     return fmean(step.change + _DETAIL_SHARE * step.detail + 1.0 for step in steps)
 
@@ -262,7 +261,7 @@ def most_gaussians(size: tuple[int, int]) -> int:
     return max(1, size[0] * size[1] // 2)
 
 
-def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> Grid:
+def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> GridSize:
     """Gx, Gy, Gt of a GOP of `frames` frames of `size` (width, height); zeros for no tri-plane."""
     if settings.deform == "polynomial":
         return 0, 0, 0
@@ -274,7 +273,7 @@ def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) 
     return gx, gy, frames
 
 
-def grid_parameters(grid: Grid) -> int:
+def grid_parameters(grid: GridSize) -> int:
     """Stored numbers of a tri-plane."""
     gx, gy, gt = grid
     return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)

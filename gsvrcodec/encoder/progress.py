@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gsvrcodec.encoder.checkpoint import Parts
+from gsvrcodec.encoder.checkpoint import Checkpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,8 @@ class Progress:
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go
-    scene: int = 0  #: scenes done; they come before the GOPs
-    scenes: int = 0  #: scenes in all
+    background: int = 0  #: backgrounds done; they come before the GOPs
+    backgrounds: int = 0  #: backgrounds in all
 
 
 class Meter:
@@ -29,7 +29,7 @@ class Meter:
 
     Args:
         gops: frames of each GOP.
-        scenes: how many there are.
+        backgrounds: how many there are.
         parts: those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
@@ -38,12 +38,12 @@ class Meter:
     def __init__(
         self,
         gops: Sequence[range],
-        scenes: int,
-        parts: Parts,
+        backgrounds: int,
+        parts: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        self._gops, self._scenes, self._parts = gops, scenes, parts
+        self._gops, self._backgrounds, self._parts = gops, backgrounds, parts
         self._began, self._progress = began, progress
         self._resumed = sum(map(len, self._done()))
 
@@ -61,8 +61,8 @@ class Meter:
             Progress(
                 gop=len(done),
                 gops=len(self._gops),
-                scene=self._parts.scenes,
-                scenes=self._scenes,
+                background=self._parts.backgrounds,
+                backgrounds=self._backgrounds,
                 frames_done=frames_done,
                 frames=frames,
                 psnr=total / frames_done if done else None,

@@ -13,7 +13,7 @@ class GopStats:
 
     first_frame: int
     frames: int
-    cut: bool  #: it starts with a new scene
+    cut: bool  #: it starts with a new shot
     motion: float  #: sum of its motion, pixels of the analysed frame
     gaussians: int
     bytes: int  #: of its payload
@@ -30,8 +30,8 @@ class EncodeResult:
     path: Path
     frames: int
     gops: int
-    scenes: int
-    gaussians: int  #: in all GOPs and scenes
+    backgrounds: int
+    gaussians: int  #: in all GOPs and backgrounds
     bytes: int  #: of the file
     bpp: float  #: bits a pixel and frame, copied streams left out
     psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded

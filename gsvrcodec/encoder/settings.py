@@ -29,9 +29,9 @@ class EncodeSettings:
     profile: Profile = "main"  #: "paper" = the publication as it stands, for comparison
     deform: Deform = "hybrid"  #: parts of the deformation field in use
     gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
-    gop_min: int = 6  #: shortest adaptive GOP between scene cuts, frames
+    gop_min: int = 6  #: shortest adaptive GOP between cuts, frames
     gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
-    scenes: bool = True  #: store what stands still from GOP to GOP once
+    backgrounds: bool = True  #: store what stands still from GOP to GOP once
     flow: Flow = "dis"  #: optical flow for slicing and motion start
     qat: bool = True  #: fine-tune under the quantisation to come
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
@@ -99,9 +99,9 @@ class EncodeSettings:
         return any(getattr(self, name) is not None for name in _TARGETS)
 
     @property
-    def may_have_scenes(self) -> bool:
+    def may_have_backgrounds(self) -> bool:
         """Whether GOPs may share what stands still: not if the number of Gaussians is fixed."""
-        return self.scenes and self.profile == "main" and self.gaussians is None
+        return self.backgrounds and self.profile == "main" and self.gaussians is None
 
     @property
     def copied_kinds(self) -> tuple[str, ...]:

@@ -8,14 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from gsvrcodec.encoder.analysis import Step
+from gsvrcodec.encoder.analysis import FrameStats
 
 #: Accumulated motion degree at which a GOP ends, pixels of the analysed frame.
 MOTION_THRESHOLD = 24.0
 
 
 def slice_gops(
-    steps: Iterable[Step],
+    steps: Iterable[FrameStats],
     gop: int | Literal["adaptive"],
     *,
     minimum: int,
@@ -25,20 +25,20 @@ def slice_gops(
     """Frames of each GOP; none spans a cut.
 
     A fixed `gop` ends after so many frames. For an adaptive one each frame adds its motion over
-    `threshold` and 1 / `maximum`; a scene is cut into as few GOPs as keep that sum within 1, all
-    of about the same sum, and none of fewer than `minimum` frames unless the scene is.
+    `threshold` and 1 / `maximum`; a shot is cut into as few GOPs as keep that sum within 1, all
+    of about the same sum, and none of fewer than `minimum` frames unless the shot is.
     """
-    scenes: list[list[float]] = []
+    shots: list[list[float]] = []
     for step in steps:
-        if step.cut or not scenes:
-            scenes.append([])
-        scenes[-1].append(step.motion)
+        if step.cut or not shots:
+            shots.append([])
+        shots[-1].append(step.motion)
     out: list[range] = []
-    for scene in scenes:
+    for shot in shots:
         if gop == "adaptive":
-            lengths = _adaptive_lengths(scene, minimum, maximum, threshold)
+            lengths = _adaptive_lengths(shot, minimum, maximum, threshold)
         else:
-            lengths = [min(gop, len(scene) - at) for at in range(0, len(scene), gop)]
+            lengths = [min(gop, len(shot) - at) for at in range(0, len(shot), gop)]
         for length in lengths:
             start = out[-1].stop if out else 0
             out.append(range(start, start + length))

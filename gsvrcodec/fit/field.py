@@ -19,13 +19,13 @@ from gsvrcodec.render.native import render_linear
 
 NAMES = Gop.__slots__
 
-_ALPHA_RANGE = (1e-3, 1 - 1e-3)
+_INDICATOR_RANGE = (1e-3, 1 - 1e-3)
 
 
 class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
-    `raw` holds a leaf tensor for each trained attribute: those of `Gop`, but alpha is a logit.
+    `raw` holds a leaf tensor for each trained attribute: those of `Gop`, but indicator is a logit.
     What `deform` switches off is not in it. They lie on `device`, "cpu" or "cuda:N". `still`, if
     given, is drawn behind them and never changes.
     """
@@ -42,11 +42,12 @@ class Field:
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
             self._fixed = {
-                name: torch.zeros_like(tensors[name]) for name in ("alpha", "linear", "quadratic")
+                name: torch.zeros_like(tensors[name])
+                for name in ("indicator", "linear", "quadratic")
             }
         elif deform == "polynomial":
             self._fixed = {
-                "alpha": torch.ones_like(tensors["alpha"]),
+                "indicator": torch.ones_like(tensors["indicator"]),
                 **{name: torch.zeros(0, 0, 8, device=device) for name in ("xy", "xt", "yt")},
             }
         self.raw = {
@@ -54,15 +55,15 @@ class Field:
             for name, tensor in tensors.items()
             if name not in self._fixed
         }
-        if "alpha" in self.raw:
-            alpha = tensors["alpha"].detach().clamp(*_ALPHA_RANGE)
-            self.raw["alpha"] = torch.logit(alpha).requires_grad_()
+        if "indicator" in self.raw:
+            indicator = tensors["indicator"].detach().clamp(*_INDICATOR_RANGE)
+            self.raw["indicator"] = torch.logit(indicator).requires_grad_()
 
     def tensors(self) -> dict[str, Tensor]:
         """The decoder's parameters, differentiable in `raw`, in the order of `Gop`."""
         out = {**self._fixed, **self.raw}
-        if "alpha" in self.raw:
-            out["alpha"] = torch.sigmoid(out["alpha"])
+        if "indicator" in self.raw:
+            out["indicator"] = torch.sigmoid(out["indicator"])
         return {name: out[name] for name in NAMES}
 
     def fix(self, values: Mapping[str, Float32Array]) -> None:

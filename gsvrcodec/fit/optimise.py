@@ -52,7 +52,7 @@ MAIN = Recipe(
         "log_scale": 0.08,
         "rotation": 0.08,
         "colour": 0.02,
-        "alpha": 0.04,
+        "indicator": 0.04,
         "linear": 0.36,
         "quadratic": 0.36,
         # Offsets of position and scale (px), rotation and colour.
@@ -72,7 +72,7 @@ MAIN = Recipe(
 PAPER = Recipe(
     rates={
         **dict.fromkeys(("position", "log_scale", "rotation", "colour"), 0.01),
-        **dict.fromkeys(("alpha", "linear", "quadratic", "xy", "xt", "yt"), 0.0025),
+        **dict.fromkeys(("indicator", "linear", "quadratic", "xy", "xt", "yt"), 0.0025),
     },
     in_pixels=False,
     rated_steps=math.inf,

@@ -19,7 +19,7 @@ _LARGEST: Mapping[str, float] = {
     "log_scale": 0.25,
     "rotation": math.pi / 8,
     "colour": 0.05,
-    "alpha": 0.25,
+    "indicator": 0.25,
     "linear": 1 / 64,
     "quadratic": 1 / 64,
     "xy": 0.5,
@@ -71,7 +71,7 @@ def equal_slope_steps(changes: Gop, factor: float) -> Steps:
         wanted = np.clip(wanted, _SMALLEST, _LARGEST[attribute.name])
         if attribute.name == "rotation":  # half a circle is a whole number of steps
             wanted = math.pi / np.round(math.pi / wanted)
-        elif attribute.name == "alpha":  # and one is
+        elif attribute.name == "indicator":  # and one is
             wanted = 2.0 ** np.round(np.log2(wanted))
         else:
             wanted = _short(wanted)

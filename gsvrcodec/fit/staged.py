@@ -12,7 +12,7 @@ from gsvrcodec.model.quantise import Precision, dequantised
 
 #: What is rounded together, in this order; what is named nowhere, the colours, comes last.
 _STAGES = (
-    ("alpha", "linear", "quadratic", "xy", "xt", "yt"),
+    ("indicator", "linear", "quadratic", "xy", "xt", "yt"),
     ("position",),
     ("log_scale", "rotation"),
 )

@@ -28,7 +28,7 @@ _HOLE_PX = 9
 _MISSING_PX, _LEAST_MISSING = 9, 0.05
 #: Sum of weights at which a place needs no more Gaussians; 1.3 is usual.
 _COVERED = 0.6
-_INITIAL_ALPHA = 0.88
+_INITIAL_INDICATOR = 0.88
 _PLANE_NOISE = 0.0025
 
 
@@ -161,7 +161,7 @@ class _Start:
             log_scale=np.log(np.stack([placed.sigma, placed.sigma], 1)),
             rotation=np.zeros_like(placed.sigma),
             colour=colour,
-            alpha=np.full_like(placed.sigma, _INITIAL_ALPHA),
+            indicator=np.full_like(placed.sigma, _INITIAL_INDICATOR),
             linear=placed.linear,
             quadratic=placed.quadratic,
             xy=self._xy,
@@ -227,7 +227,7 @@ def random_start(
         log_scale=np.log(spacing * uniform(0.25, 1.0, gaussians, 2)),
         rotation=uniform(0, np.pi, gaussians),
         colour=uniform(0, 0.5, gaussians, 3),
-        alpha=np.full(gaussians, 0.5, np.float32),
+        indicator=np.full(gaussians, 0.5, np.float32),
         linear=np.zeros((gaussians, 2), np.float32),
         quadratic=np.zeros((gaussians, 2), np.float32),
         xy=rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),

@@ -26,12 +26,12 @@ def with_still(gop: Gop, changes: Gop, factor: float) -> Gop:
     loss = (
         (changes.linear * np.square(gop.linear)).sum(axis=1)
         + (changes.quadratic * np.square(gop.quadratic)).sum(axis=1)
-        + changes.alpha * np.square(1 - gop.alpha)
+        + changes.indicator * np.square(1 - gop.indicator)
     )
     moves = loss >= _WORTH * factor**2
     return replace(
         gop,
-        alpha=np.where(moves, gop.alpha, np.float32(1)),
+        indicator=np.where(moves, gop.indicator, np.float32(1)),
         linear=gop.linear * moves[:, None],
         quadratic=gop.quadratic * moves[:, None],
     )

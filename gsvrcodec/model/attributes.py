@@ -9,7 +9,7 @@ from typing import Literal
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS
 
-Grid = Literal["gaussians", "xy", "xt", "yt", "scene"]
+GridKind = Literal["gaussians", "xy", "xt", "yt", "background"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Attribute:
     id: int  #: number in the plane table
     name: str  #: field of `Gop`
     components: int  #: planes of it
-    grid: Grid  #: what its samples stand for
+    grid: GridKind  #: what its samples stand for
     low: float  #: no decoded value is smaller
     high: float  #: no decoded value is larger
 
@@ -30,35 +30,35 @@ ATTRIBUTES = (
     Attribute(1, "log_scale", 2, "gaussians", -32.0, 13.0),
     Attribute(2, "rotation", 1, "gaussians", -64.0, 64.0),
     Attribute(3, "colour", 3, "gaussians", -65536.0, 65536.0),
-    Attribute(4, "alpha", 1, "gaussians", -2.0, 2.0),
+    Attribute(4, "indicator", 1, "gaussians", -2.0, 2.0),
     Attribute(5, "linear", 2, "gaussians", -1024.0, 1024.0),
     Attribute(6, "quadratic", 2, "gaussians", -1024.0, 1024.0),
     Attribute(7, "xy", TRIPLANE_CHANNELS, "xy", -1024.0, 1024.0),
     Attribute(8, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
     Attribute(9, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
 )
-#: Which Gaussians of its scene a GOP shows: 1, or 0 for those that it leaves out.
-SHOWN = Attribute(10, "shown", 1, "scene", 0.0, 1.0)
-#: What is stored of Gaussians that stand still: those of a scene.
+#: Which Gaussians of its background a GOP shows: 1, or 0 for those that it leaves out.
+SHOWN = Attribute(10, "shown", 1, "background", 0.0, 1.0)
+#: What is stored of Gaussians that stand still: those of a background.
 STILL_ATTRIBUTES = ATTRIBUTES[:4]
 ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in (*ATTRIBUTES, SHOWN)}
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class GopShape:
     """What the sizes of all planes follow from."""
 
     gaussians: int  #: N
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
-    scene: int = 0  #: Gaussians of the scene; 0 = none
+    background: int = 0  #: Gaussians of the background; 0 = none
 
-    def plane_size(self, kind: Grid) -> tuple[int, int]:
+    def plane_size(self, kind: GridKind) -> tuple[int, int]:
         """Width and height of the planes of one grid; (0, 0) = there are none.
 
         Gaussians fill a grid of ceil(sqrt(N)) columns row by row.
         """
-        if kind in ("gaussians", "scene"):
-            count = self.gaussians if kind == "gaussians" else self.scene
+        if kind in ("gaussians", "background"):
+            count = self.gaussians if kind == "gaussians" else self.background
             if not count:
                 return 0, 0
             width = isqrt(count - 1) + 1
@@ -66,10 +66,10 @@ class Shape:
         gx, gy, gt = self.grid
         return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
 
-    def samples(self, kind: Grid) -> int:
+    def samples(self, kind: GridKind) -> int:
         """Samples of a plane of one grid that mean something."""
-        if kind in ("gaussians", "scene"):
-            return self.gaussians if kind == "gaussians" else self.scene
+        if kind in ("gaussians", "background"):
+            return self.gaussians if kind == "gaussians" else self.background
         width, height = self.plane_size(kind)
         return width * height
 

@@ -15,7 +15,7 @@ _OF_GAUSSIANS = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Background:
     """What GOPs may share."""
 
     number: int  #: by which GOPs name it, from 1
@@ -36,7 +36,7 @@ def still_gop(
         log_scale=np.ascontiguousarray(log_scale),
         rotation=np.ascontiguousarray(rotation),
         colour=np.ascontiguousarray(colour),
-        alpha=np.ones(count, np.float32),
+        indicator=np.ones(count, np.float32),
         linear=np.zeros((count, 2), np.float32),
         quadratic=np.zeros((count, 2), np.float32),
         xy=none,
@@ -58,14 +58,15 @@ def together(gop: Gop, still: Gop) -> Gop:
     return replace(gop, **both)
 
 
-def with_scene(gop: Gop, scene: Scene, shown: NDArray[np.bool_]) -> Gop:
-    """Return a GOP with what it shows of its scene.
+def with_background(gop: Gop, background: Background, shown: NDArray[np.bool_]) -> Gop:
+    """Return a GOP with what it shows of its background.
 
     Raises:
-        CorruptError: `shown` is not made for this scene.
+        CorruptError: `shown` is not made for this background.
     """
-    if len(shown) != len(scene.gop):
+    if len(shown) != len(background.gop):
         raise CorruptError(
-            f"scene {scene.number} has {len(scene.gop)} Gaussians, the GOP expects {len(shown)}"
+            f"background {background.number} has {len(background.gop)} Gaussians, "
+            f"the GOP expects {len(shown)}"
         )
-    return together(gop, only(scene.gop, shown))
+    return together(gop, only(background.gop, shown))

@@ -19,9 +19,9 @@ DYNAMIC_WAY = 1 / 160
 def select_layers(gop: Gop, layers: Layers, coded_size: tuple[int, int]) -> Gop:
     """Return a GOP with the Gaussians of some layers alone.
 
-    The dynamic indicator alpha is part of the polynomial that a GOP stores, so what counts is
+    The dynamic indicator indicator is part of the polynomial that a GOP stores, so what counts is
     where that takes a Gaussian: a dynamic one strays from the median motion, which is that of the
-    camera, by more than 1/160 of the longer side. (alpha alone tells little: fits leave it near
+    camera, by more than 1/160 of the longer side. (indicator alone tells little: fits leave it near
     its start for nearly all Gaussians.) A picture is a sum over Gaussians, so the pictures of the
     two layers add up to the whole one, but for the clamping of each at black and white.
 

@@ -32,7 +32,7 @@ def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
 
 def by_level(gop: Gop) -> Gop:
     """The same Gaussians, still ones last, and those of a level together: drawn fastest so."""
-    moves = gop.alpha != 1
+    moves = gop.indicator != 1
     for motion in (*gop.linear.T, *gop.quadratic.T):
         moves |= motion != 0
     layer = level_of(gop.log_scale, 1.0) + LEVELS * ~moves

@@ -21,7 +21,7 @@ PAPER_BITS: Mapping[str, int] = {
     "log_scale": 8,
     "rotation": 8,
     "colour": 16,
-    "alpha": 8,
+    "indicator": 8,
     "linear": 8,
     "quadratic": 8,
     "xy": 16,

@@ -15,7 +15,7 @@ class Parameters:
         log_scale: Array,
         rotation: Array,
         colour: Array,
-        alpha: Array,
+        indicator: Array,
         linear: Array,
         quadratic: Array,
         xy: Array,

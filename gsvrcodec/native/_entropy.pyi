@@ -21,7 +21,7 @@ def follow(guide: NDArray[np.uint16], columns: NDArray[np.uint16]) -> None: ...
 def predict(
     samples: NDArray[np.uint16],
     bits: int,
-    earlier: NDArray[np.uint16],
+    prior: NDArray[np.uint16],
     columns: NDArray[np.uint16] | None,
     predictor: Predictor,
     errors: NDArray[np.int32],
@@ -31,7 +31,7 @@ def measure(errors: NDArray[np.int32], around: NDArray[np.uint32], coding: Codin
 def encode_context(
     samples: NDArray[np.uint16],
     bits: int,
-    earlier: NDArray[np.uint16],
+    prior: NDArray[np.uint16],
     columns: NDArray[np.uint16] | None,
     predictor: Predictor,
     coding: Coding,
@@ -39,7 +39,7 @@ def encode_context(
 def decode_context(
     data: bytes,
     bits: int,
-    earlier: NDArray[np.uint16],
+    prior: NDArray[np.uint16],
     columns: NDArray[np.uint16] | None,
     out: NDArray[np.uint16],
 ) -> None: ...

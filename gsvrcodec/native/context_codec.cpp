@@ -17,7 +17,7 @@ constexpr std::uint32_t kMaxThreshold = 1u << 20;
 constexpr std::size_t kHeadReads = 8;
 constexpr unsigned kGuided = 16, kNear = 32;
 
-// What later samples need of one: 256 times the sample less what earlier planes say, and the
+// What later samples need of one: 256 times the sample less what prior planes say, and the
 // magnitude of its error.
 struct Cell {
     std::int32_t value, error;
@@ -35,7 +35,7 @@ void walk(const Plane &plane, const Predictor &predictor, Step step, RowDone row
         const std::size_t begin = static_cast<std::size_t>(y) * width;
         std::fill(base.begin(), base.end(), predictor.bias);
         for (const auto &term : predictor.terms) {
-            const std::uint16_t *row = plane.earlier + term.plane * plane.samples() + begin;
+            const std::uint16_t *row = plane.prior + term.plane * plane.samples() + begin;
             for (int x = 0; x < width; ++x) base[x] += term.weight * row[x];
         }
         const std::uint16_t *columns = predictor.guided ? plane.columns + begin : nullptr;
@@ -128,7 +128,7 @@ Predictor read_predictor(Reader &in, const Plane &plane) {
     for (unsigned i = 0; i < flags % kGuided; ++i) {
         const int index = in.byte();
         const std::int32_t weight = unzigzag(read_varint(in));
-        if (index < next || index >= plane.earlier_count)
+        if (index < next || index >= plane.prior_count)
             throw Corrupt("it refers to a plane that is not before it");
         if (weight == 0 || weight < -kMaxWeightSum || weight > kMaxWeightSum ||
             (sum += std::abs(weight)) > kMaxWeightSum)
@@ -173,8 +173,8 @@ void check(const Plane &plane, const Predictor &predictor) {
     int next = 0;
     std::int64_t sum = 0;
     for (const auto &term : predictor.terms) {
-        require(term.plane >= next && term.plane < plane.earlier_count,
-                "terms must be ascending earlier planes");
+        require(term.plane >= next && term.plane < plane.prior_count,
+                "terms must be ascending prior planes");
         next = term.plane + 1;
         sum += std::abs(static_cast<std::int64_t>(term.weight));
         require(term.weight != 0 && sum <= kMaxWeightSum, "weights out of range");

@@ -1,4 +1,4 @@
-// Codec 4, context (spec section "Codec 4"): a linear prediction from neighbours and from earlier
+// Codec 4, context (spec section "Codec 4"): a linear prediction from neighbours and from prior
 // planes, and a range coder whose statistics depend on the errors around a sample.
 #pragma once
 
@@ -14,8 +14,8 @@ inline constexpr int kMaxContexts = 8;
 
 struct Plane {
     int width, height, bits;
-    const std::uint16_t *earlier;  // planes of the same size before this one, one after the other
-    int earlier_count;
+    const std::uint16_t *prior;  // planes of the same size before this one, one after the other
+    int prior_count;
     const std::uint16_t *columns;  // for each sample, the column of the row above that it follows
     std::size_t samples() const { return static_cast<std::size_t>(width) * height; }
 };
@@ -25,7 +25,7 @@ struct Predictor {
     struct Term {
         int plane, weight;
     };
-    std::vector<Term> terms;    // earlier planes, ascending; weights in 1/256
+    std::vector<Term> terms;    // prior planes, ascending; weights in 1/256
     std::int32_t bias = 0;      // in 1/256
     bool guided = false;        // the row above is followed as `columns` says
     std::array<int, kNeighbours> weights{};  // left, left of it, above, right of it, left, two right; 1/64

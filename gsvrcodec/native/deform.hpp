@@ -17,7 +17,7 @@ struct Deformed {
     vi finite;                        // mask: these lanes hold Gaussians, whose scales are finite
     vf sine, cosine;                  // of twice the angle
     vf spread;                        // half the difference of the variances
-    vf gate;                          // 1 - alpha
+    vf gate;                          // 1 - indicator
     vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the level
     vf inverse_xx, inverse_xy, inverse_yy;
 };
@@ -30,7 +30,7 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
         lookup(model, frame, d.position, d.field);
     else
         for (vf &value : d.field) value = vf{};
-    d.gate = 1.0f - load_fields<1>(model.alpha, i, count).column[0];
+    d.gate = 1.0f - load_fields<1>(model.indicator, i, count).column[0];
     for (int k = 0; k < kChannels; ++k) d.offset[k] = d.gate * d.field[k];
     const Fields<2> log_scale = load_fields<2>(model.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {

@@ -61,7 +61,7 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
         gate += where(drawn, offset[k] * d.field[k]);
         offset[k] = where(drawn, offset[k] * d.gate);
     }
-    store_fields<1>(gradient.alpha, i, count, {{-gate}});
+    store_fields<1>(gradient.indicator, i, count, {{-gate}});
     if (model.gx > 0 && bits(drawn))
         lookup_backward(model, frame, d.position, count, offset, xy, xt_line, yt_line, position);
     store_fields<2>(gradient.position, i, count, position);

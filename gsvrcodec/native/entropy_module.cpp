@@ -22,11 +22,11 @@ using Array = nb::ndarray<T, nb::ndim<Axes>, nb::c_contig, nb::device::cpu>;
 using Samples = Array<const std::uint16_t, 2>;
 using OutSamples = Array<std::uint16_t, 2>;
 using Errors = Array<std::int32_t, 2>;
-using Earlier = Array<const std::uint16_t, 3>;
+using Prior = Array<const std::uint16_t, 3>;
 using Columns = std::optional<Samples>;
 using Around = Array<std::uint32_t, 2>;
 
-constexpr std::size_t kMaxSide = 65535, kMaxEarlier = 255;
+constexpr std::size_t kMaxSide = 65535, kMaxPrior = 255;
 
 void require(bool condition, const char *message) {
     if (!condition) throw nb::value_error(message);
@@ -34,21 +34,21 @@ void require(bool condition, const char *message) {
 
 // The plane of these samples, with the planes before it and the columns its rows follow.
 template <class A>
-gsvr::Plane plane_of(const A &samples, int bits, const Earlier &earlier, const Columns &columns) {
+gsvr::Plane plane_of(const A &samples, int bits, const Prior &prior, const Columns &columns) {
     const std::size_t height = samples.shape(0), width = samples.shape(1);
     require(width >= 1 && height >= 1 && width <= kMaxSide && height <= kMaxSide,
             "a plane has 1 to 65535 rows and columns");
     require(bits >= 1 && bits <= 16, "a plane has 1 to 16 bits");
-    require(earlier.shape(0) <= kMaxEarlier && earlier.shape(1) == height && earlier.shape(2) == width,
-            "earlier planes must be at most 255 and have the size of the plane");
+    require(prior.shape(0) <= kMaxPrior && prior.shape(1) == height && prior.shape(2) == width,
+            "prior planes must be at most 255 and have the size of the plane");
     if (columns) {
         require(columns->shape(0) == height && columns->shape(1) == width,
                 "columns must have the size of the plane");
         const std::uint16_t *begin = columns->data();
         require(*std::max_element(begin, begin + columns->size()) < width, "a column is out of range");
     }
-    return {static_cast<int>(width), static_cast<int>(height), bits, earlier.data(),
-            static_cast<int>(earlier.shape(0)), columns ? columns->data() : nullptr};
+    return {static_cast<int>(width), static_cast<int>(height), bits, prior.data(),
+            static_cast<int>(prior.shape(0)), columns ? columns->data() : nullptr};
 }
 
 nb::bytes bytes_of(const std::vector<std::uint8_t> &data) { return nb::bytes(data.data(), data.size()); }
@@ -65,9 +65,9 @@ void follow(Samples guide, OutSamples columns) {
                  columns.data());
 }
 
-void predict(Samples samples, int bits, Earlier earlier, Columns columns,
+void predict(Samples samples, int bits, Prior prior, Columns columns,
              const gsvr::Predictor &predictor, Errors errors, Around around) {
-    const auto plane = plane_of(samples, bits, earlier, columns);
+    const auto plane = plane_of(samples, bits, prior, columns);
     require(errors.size() == samples.size() && around.size() == samples.size(),
             "errors and around must have the size of the plane");
     gsvr::predict(plane, predictor, samples.data(), errors.data(), around.data());
@@ -78,14 +78,14 @@ double measure(Errors errors, Around around, const gsvr::Coding &coding) {
     return gsvr::measure(errors.data(), around.data(), errors.size(), coding);
 }
 
-nb::bytes encode_context(Samples samples, int bits, Earlier earlier, Columns columns,
+nb::bytes encode_context(Samples samples, int bits, Prior prior, Columns columns,
                          const gsvr::Predictor &predictor, const gsvr::Coding &coding) {
-    const auto plane = plane_of(samples, bits, earlier, columns);
+    const auto plane = plane_of(samples, bits, prior, columns);
     return bytes_of(gsvr::encode_context(plane, predictor, coding, samples.data()));
 }
 
-void decode_context(nb::bytes data, int bits, Earlier earlier, Columns columns, OutSamples out) {
-    const auto plane = plane_of(out, bits, earlier, columns);
+void decode_context(nb::bytes data, int bits, Prior prior, Columns columns, OutSamples out) {
+    const auto plane = plane_of(out, bits, prior, columns);
     nb::gil_scoped_release release;
     gsvr::decode_context(plane, data_of(data), data.size(), out.data());
 }
@@ -126,12 +126,12 @@ NB_MODULE(_entropy, m) {
              },
              "direct"_a, "top"_a, "thresholds"_a);
     m.def("follow", &follow, "guide"_a, "columns"_a);
-    m.def("predict", &predict, "samples"_a, "bits"_a, "earlier"_a, "columns"_a.none(), "predictor"_a,
+    m.def("predict", &predict, "samples"_a, "bits"_a, "prior"_a, "columns"_a.none(), "predictor"_a,
           "errors"_a, "around"_a);
     m.def("measure", &measure, "errors"_a, "around"_a, "coding"_a);
-    m.def("encode_context", &encode_context, "samples"_a, "bits"_a, "earlier"_a, "columns"_a.none(),
+    m.def("encode_context", &encode_context, "samples"_a, "bits"_a, "prior"_a, "columns"_a.none(),
           "predictor"_a, "coding"_a);
-    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "earlier"_a, "columns"_a.none(), "out"_a);
+    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "prior"_a, "columns"_a.none(), "out"_a);
     m.def("encode_ranges", &encode_ranges, "samples"_a);
     m.def("decode_ranges", &decode_ranges, "data"_a, "bits"_a, "out"_a);
 }

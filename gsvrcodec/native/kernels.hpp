@@ -26,7 +26,7 @@ constexpr float kAntialias = 0.25f;     // px^2 of a frame smaller than the code
 
 // Parameters of one GOP, or the gradients with respect to them: the arrays of model/gop.py.
 struct Model {
-    float *position, *log_scale, *rotation, *colour, *alpha, *linear, *quadratic;
+    float *position, *log_scale, *rotation, *colour, *indicator, *linear, *quadratic;
     float *xy, *xt, *yt;
     int n, gx, gy, gt;  // gx = 0: no tri-plane
 };

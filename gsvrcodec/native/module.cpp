@@ -31,7 +31,7 @@ bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
 
 // Keeps the ten arrays of a GOP, or of its gradients, alive and checked.
 struct Parameters {
-    Floats position, log_scale, rotation, colour, alpha, linear, quadratic, xy, xt, yt;
+    Floats position, log_scale, rotation, colour, indicator, linear, quadratic, xy, xt, yt;
     gsvr::Model model{};
 
     Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats alpha_,
@@ -40,7 +40,7 @@ struct Parameters {
           log_scale(log_scale_),
           rotation(rotation_),
           colour(colour_),
-          alpha(alpha_),
+          indicator(alpha_),
           linear(linear_),
           quadratic(quadratic_),
           xy(xy_),
@@ -53,7 +53,7 @@ struct Parameters {
         require(has_shape(log_scale, {n, 2}), "log_scale must have shape (N, 2)");
         require(has_shape(rotation, {n}), "rotation must have shape (N,)");
         require(has_shape(colour, {n, 3}), "colour must have shape (N, 3)");
-        require(has_shape(alpha, {n}), "alpha must have shape (N,)");
+        require(has_shape(indicator, {n}), "indicator must have shape (N,)");
         require(has_shape(linear, {n, 2}), "linear must have shape (N, 2)");
         require(has_shape(quadratic, {n, 2}), "quadratic must have shape (N, 2)");
         require(xy.ndim() == 3 && xt.ndim() == 3 && yt.ndim() == 3, "grids must have three axes");
@@ -68,7 +68,7 @@ struct Parameters {
                  log_scale.data(),
                  rotation.data(),
                  colour.data(),
-                 alpha.data(),
+                 indicator.data(),
                  linear.data(),
                  quadratic.data(),
                  xy.data(),
@@ -182,7 +182,7 @@ NB_MODULE(_core, m) {
         .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats,
                       Floats>(),
              exact("position"), exact("log_scale"), exact("rotation"), exact("colour"),
-             exact("alpha"), exact("linear"), exact("quadratic"), exact("xy"), exact("xt"),
+             exact("indicator"), exact("linear"), exact("quadratic"), exact("xy"), exact("xt"),
              exact("yt"));
     m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, exact("out"),
           "coded_width"_a, "coded_height"_a, "threads"_a);

@@ -7,18 +7,18 @@ import struct
 import numpy as np
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes.samples import PlaneShape, Samples
 
 _VALUE = struct.Struct("<H")
 
 
-def encode(samples: Samples, shape: Shape) -> bytes | None:
+def encode(samples: Samples, shape: PlaneShape) -> bytes | None:
     """Two bytes, or None if the samples differ."""
     first = int(samples.flat[0])
     return _VALUE.pack(first) if (samples == first).all() else None
 
 
-def decode(data: bytes, shape: Shape) -> Samples:
+def decode(data: bytes, shape: PlaneShape) -> Samples:
     """The plane that the two bytes stand for."""
     if len(data) != _VALUE.size:
         raise CorruptError(f"constant plane of {len(data)} bytes, expected {_VALUE.size}")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
 from gsvrcodec.planes.prediction import predictors
-from gsvrcodec.planes.prior import Earlier
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes.prior import PriorPlanes
+from gsvrcodec.planes.samples import PlaneShape, Samples
 
 #: Divisions of errors into tokens: numbers with a token of their own (as a power of two), and bits
 #: after the highest that others have in theirs. Few tokens are for small planes.
@@ -25,7 +25,7 @@ _TRIAL = (3, 1), 3
 _QUANTILE_SAMPLES = 4096
 
 
-def encode(samples: Samples, shape: Shape, earlier: Earlier) -> bytes:
+def encode(samples: Samples, shape: PlaneShape, prior: PriorPlanes) -> bytes:
     """The stream of the best predictor, number of contexts and division, one after the other."""
     errors = np.empty(samples.shape, np.int32)
     around = np.empty(samples.shape, np.uint32)
@@ -33,7 +33,7 @@ def encode(samples: Samples, shape: Shape, earlier: Earlier) -> bytes:
     def predict(predictor: _entropy.Predictor) -> NDArray[np.uint32]:
         """Fill both arrays; return a sorted sample of the second."""
         _entropy.predict(
-            samples, shape.bits, earlier.planes, earlier.columns, predictor, errors, around
+            samples, shape.bits, prior.planes, prior.columns, predictor, errors, around
         )
         return np.sort(around.ravel()[:: -(-around.size // _QUANTILE_SAMPLES)])
 
@@ -41,22 +41,22 @@ def encode(samples: Samples, shape: Shape, earlier: Earlier) -> bytes:
         return _entropy.measure(errors, around, coding)
 
     predictor = min(
-        predictors(samples, shape.bits, earlier),
+        predictors(samples, shape.bits, prior),
         key=lambda predictor: cost(_coding(*_TRIAL, predict(predictor))),
     )
     ordered = predict(predictor)
     contexts = min(_CONTEXTS, key=lambda count: cost(_coding(_DIVISIONS[0], count, ordered)))
     coding = min((_coding(part, contexts, ordered) for part in _DIVISIONS), key=cost)
     return _entropy.encode_context(
-        samples, shape.bits, earlier.planes, earlier.columns, predictor, coding
+        samples, shape.bits, prior.planes, prior.columns, predictor, coding
     )
 
 
-def decode(data: bytes, shape: Shape, earlier: Earlier) -> Samples:
+def decode(data: bytes, shape: PlaneShape, prior: PriorPlanes) -> Samples:
     """The samples of a stream that ends with `data`."""
     out = np.empty((shape.height, shape.width), np.uint16)
     try:
-        _entropy.decode_context(data, shape.bits, earlier.planes, earlier.columns, out)
+        _entropy.decode_context(data, shape.bits, prior.planes, prior.columns, out)
     except _entropy.Corrupt as error:
         raise CorruptError(f"damaged context plane: {error}") from None
     return out

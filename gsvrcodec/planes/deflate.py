@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes.samples import PlaneShape, Samples
 
 _RAW_DEFLATE = -15
 #: First byte of the data: what each sample is the difference to.
@@ -18,7 +18,7 @@ _PREDICT_LEFT = 1
 _STRATEGIES = (zlib.Z_FILTERED, zlib.Z_HUFFMAN_ONLY)
 
 
-def encode(samples: Samples, shape: Shape) -> bytes:
+def encode(samples: Samples, shape: PlaneShape) -> bytes:
     """The smaller of plain samples and differences."""
     candidates = []
     for predictor, values in (
@@ -33,7 +33,7 @@ def encode(samples: Samples, shape: Shape) -> bytes:
     return min(candidates, key=len)
 
 
-def decode(data: bytes, shape: Shape) -> Samples:
+def decode(data: bytes, shape: PlaneShape) -> Samples:
     """Inflate exactly the declared number of samples and undo the prediction."""
     if not data or data[0] not in (_PREDICT_NONE, _PREDICT_LEFT):
         raise CorruptError(f"unknown predictor {data[0] if data else None} of a deflate plane")
@@ -73,7 +73,7 @@ def _integrate(values: Samples, bits: int) -> Samples:
     return (total & ((1 << bits) - 1)).astype(np.uint16)
 
 
-def _split(values: Samples, shape: Shape) -> bytes:
+def _split(values: Samples, shape: PlaneShape) -> bytes:
     """The low bytes of all samples, then, over 8 bits, the high bytes."""
     low = (values & 0xFF).astype(np.uint8).tobytes()
     if shape.stored_bytes == 1:
@@ -81,7 +81,7 @@ def _split(values: Samples, shape: Shape) -> bytes:
     return low + (values >> 8).astype(np.uint8).tobytes()
 
 
-def _join(planes: bytes, shape: Shape) -> Samples:
+def _join(planes: bytes, shape: PlaneShape) -> Samples:
     """The inverse of `_split`."""
     parts = np.frombuffer(planes, np.uint8).reshape(-1, shape.height, shape.width)
     values: Samples = parts[0].astype(np.uint16)

@@ -8,7 +8,7 @@ import imagecodecs
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes.jxl_header import check_codestream
-from gsvrcodec.planes.samples import Samples, Shape, checked
+from gsvrcodec.planes.samples import PlaneShape, Samples, checked
 
 #: Noise does best with 3, all else with 5; more effort takes longer and mostly makes planes larger.
 _EFFORTS = (3, 5)
@@ -16,7 +16,7 @@ _CONTAINER_START = b"\x00\x00\x00\x0cJXL "
 _BOX = struct.Struct(">I4s")
 
 
-def encode(samples: Samples, shape: Shape) -> bytes | None:
+def encode(samples: Samples, shape: PlaneShape) -> bytes | None:
     """The smallest codestream of some efforts, None if the library makes none that we allow."""
     stored = samples.astype(shape.dtype)
     candidates = []
@@ -33,7 +33,7 @@ def encode(samples: Samples, shape: Shape) -> bytes | None:
     return min(candidates, key=len, default=None)
 
 
-def decode(data: bytes, shape: Shape) -> Samples:
+def decode(data: bytes, shape: PlaneShape) -> Samples:
     """The samples of a codestream of exactly this size and depth, which ends with `data`."""
     check_codestream(data, shape)
     out = shape.empty()

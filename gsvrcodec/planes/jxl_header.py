@@ -7,7 +7,7 @@ any size. A plane needs none of that: one modular frame of grey integers, of the
 from __future__ import annotations
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.planes.samples import Shape
+from gsvrcodec.planes.samples import PlaneShape
 
 _SIGNATURE = b"\xff\x0a"
 _GREY = 1
@@ -64,7 +64,7 @@ class _Bits:
         return self._position // 8
 
 
-def check_codestream(data: bytes, shape: Shape) -> None:
+def check_codestream(data: bytes, shape: PlaneShape) -> None:
     """Refuse a codestream that is not a grey, lossless plane of this shape that ends with `data`.
 
     Raises:
@@ -142,7 +142,7 @@ def _check_frame(bits: _Bits) -> int:
     return group
 
 
-def _sections(shape: Shape, group: int) -> int:
+def _sections(shape: PlaneShape, group: int) -> int:
     """Number of sections of a frame of one pass."""
 
     def tiles(size: int) -> int:

@@ -12,7 +12,7 @@ import zlib
 import imagecodecs
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.planes.samples import Samples, Shape, checked
+from gsvrcodec.planes.samples import PlaneShape, Samples, checked
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEAD = struct.Struct(">I4s")
@@ -21,12 +21,12 @@ _CRC = struct.Struct(">I")
 _LEVEL = 9
 
 
-def encode(samples: Samples, shape: Shape) -> bytes:
+def encode(samples: Samples, shape: PlaneShape) -> bytes:
     """The samples as a grey PNG."""
     return bytes(imagecodecs.png_encode(samples.astype(shape.dtype), level=_LEVEL))
 
 
-def decode(data: bytes, shape: Shape) -> Samples:
+def decode(data: bytes, shape: PlaneShape) -> Samples:
     """The samples of a grey PNG of exactly this size and depth."""
     _check_image_data(_image_data(data, shape), shape)
     out = shape.empty()
@@ -37,7 +37,7 @@ def decode(data: bytes, shape: Shape) -> Samples:
     return checked(out, shape)
 
 
-def _image_data(data: bytes, shape: Shape) -> bytes:
+def _image_data(data: bytes, shape: PlaneShape) -> bytes:
     """Check signature and chunks, and return the joined payloads of the IDAT chunks."""
     if not data.startswith(_SIGNATURE):
         raise CorruptError("not a PNG")
@@ -72,7 +72,7 @@ def _image_data(data: bytes, shape: Shape) -> bytes:
     return b"".join(parts)
 
 
-def _check_ihdr(payload: bytes, shape: Shape) -> None:
+def _check_ihdr(payload: bytes, shape: PlaneShape) -> None:
     if len(payload) != _IHDR.size:
         raise CorruptError(f"PNG header of {len(payload)} bytes")
     found = _IHDR.unpack(payload)
@@ -82,7 +82,7 @@ def _check_ihdr(payload: bytes, shape: Shape) -> None:
         raise CorruptError(f"PNG header {found}, expected {expected}")
 
 
-def _check_image_data(compressed: bytes, shape: Shape) -> None:
+def _check_image_data(compressed: bytes, shape: PlaneShape) -> None:
     """Check that the data inflates to exactly the rows of the plane, each with a known filter."""
     row = 1 + shape.width * shape.stored_bytes
     expected = row * shape.height

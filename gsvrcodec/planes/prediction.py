@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.native._entropy import Predictor
-from gsvrcodec.planes.prior import Earlier
+from gsvrcodec.planes.prior import PriorPlanes
 from gsvrcodec.planes.samples import Samples
 
 Floats = NDArray[np.float64]
 NEIGHBOURS = 6
-#: Weights in the file: of earlier planes and the bias in 1/256, of neighbours in 1/64.
+#: Weights in the file: of prior planes and the bias in 1/256, of neighbours in 1/64.
 _PLANE_UNIT = 256
 _NEAR_UNIT = 64
 _MAX_WEIGHT_SUM = 1 << 12
@@ -27,19 +27,19 @@ _FIT_SAMPLES = 4096
 _FIT_ROUNDS = 6
 
 
-def predictors(samples: Samples, bits: int, earlier: Earlier) -> Iterator[Predictor]:
+def predictors(samples: Samples, bits: int, prior: PriorPlanes) -> Iterator[Predictor]:
     """Predictors worth a trial, for a plane of shape (height, width)."""
     values = samples.astype(np.float64)
-    near = _neighbours(earlier.columns, samples.shape)
-    guided = earlier.columns is not None
-    count = len(earlier.planes)
+    near = _neighbours(prior.columns, samples.shape)
+    guided = prior.columns is not None
+    count = len(prior.planes)
     chosen = np.linspace(0, samples.size - 1, min(samples.size, _FIT_SAMPLES)).astype(np.intp)
     nothing = (0,) * NEIGHBOURS
     for constant in (1 << (bits - 1), float(np.median(values))):
         yield Predictor((), _fixed(constant, _PLANE_UNIT), False, nothing)
     yield Predictor((), 0, False, (_NEAR_UNIT, *nothing[1:]))
     for first in _term_choices(count):
-        planes = earlier.planes[first:].reshape(count - first, samples.size)
+        planes = prior.planes[first:].reshape(count - first, samples.size)
         columns = np.vstack([planes, np.ones(samples.size)])
         fitted = _robust_fit(columns[:, chosen], values.flat[chosen])
         whole = [_fixed(weight, _PLANE_UNIT) for weight in fitted]
@@ -55,7 +55,7 @@ def predictors(samples: Samples, bits: int, earlier: Earlier) -> Iterator[Predic
 
 
 def _term_choices(count: int) -> list[int]:
-    """First of the earlier planes to use: none of them, the last one, the last two, all."""
+    """First of the prior planes to use: none of them, the last one, the last two, all."""
     return sorted({count, count - 1, count - 2, max(0, count - _MAX_TERMS)} & set(range(count + 1)))
 
 

@@ -12,14 +12,14 @@ from gsvrcodec.planes.samples import Samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Earlier:
+class PriorPlanes:
     """The planes of one grid that stand before a plane."""
 
     planes: NDArray[np.uint16]  #: (count, height, width)
     columns: Samples | None = None  #: (height, width), see `PlaneStack`; None = as without
 
     @classmethod
-    def none(cls, height: int, width: int) -> Earlier:
+    def none(cls, height: int, width: int) -> PriorPlanes:
         """What the first plane of a grid has."""
         return cls(np.empty((0, height, width), np.uint16))
 
@@ -44,9 +44,9 @@ class PlaneStack:
         self._columns: Samples | None = None
 
     @property
-    def earlier(self) -> Earlier:
+    def prior(self) -> PriorPlanes:
         """The planes so far."""
-        return Earlier(self._planes[: self._count], self._columns)
+        return PriorPlanes(self._planes[: self._count], self._columns)
 
     def append(self, samples: Samples) -> None:
         """Add the next plane."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes.samples import PlaneShape, Samples
 
 
-def encode(samples: Samples, shape: Shape) -> bytes:
+def encode(samples: Samples, shape: PlaneShape) -> bytes:
     """The ranges of all rows, and where in them the samples are."""
     return _entropy.encode_ranges(samples)
 
 
-def decode(data: bytes, shape: Shape) -> Samples:
+def decode(data: bytes, shape: PlaneShape) -> Samples:
     """The samples of a stream that ends with `data`."""
     out = np.empty((shape.height, shape.width), np.uint16)
     try:

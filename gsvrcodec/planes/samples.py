@@ -17,7 +17,7 @@ MAX_BITS = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class PlaneShape:
     """Size of a plane and of its samples."""
 
     width: int  #: samples in a row, at least 1
@@ -44,7 +44,7 @@ class Shape:
         return np.empty((self.height, self.width), self.dtype)
 
 
-def checked(samples: StoredSamples, shape: Shape) -> Samples:
+def checked(samples: StoredSamples, shape: PlaneShape) -> Samples:
     """Decoded samples as uint16.
 
     Raises:

@@ -10,8 +10,8 @@ import numpy as np
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 from gsvrcodec.planes import constant, context, deflate, jxl, png, ranges
-from gsvrcodec.planes.prior import Earlier
-from gsvrcodec.planes.samples import MAX_BITS, Samples, Shape
+from gsvrcodec.planes.prior import PriorPlanes
+from gsvrcodec.planes.samples import MAX_BITS, PlaneShape, Samples
 
 
 class Codec(IntEnum):
@@ -35,14 +35,14 @@ PACKS: Mapping[str, frozenset[Codec]] = {
 }
 
 #: All but codec 4, which looks at other planes too.
-_ENCODERS: Mapping[Codec, Callable[[Samples, Shape], bytes | None]] = {
+_ENCODERS: Mapping[Codec, Callable[[Samples, PlaneShape], bytes | None]] = {
     Codec.CONSTANT: constant.encode,
     Codec.DEFLATE: deflate.encode,
     Codec.PNG: png.encode,
     Codec.JXL: jxl.encode,
     Codec.RANGES: ranges.encode,
 }
-_DECODERS: Mapping[Codec, Callable[[bytes, Shape], Samples]] = {
+_DECODERS: Mapping[Codec, Callable[[bytes, PlaneShape], Samples]] = {
     Codec.CONSTANT: constant.decode,
     Codec.DEFLATE: deflate.decode,
     Codec.PNG: png.decode,
@@ -61,16 +61,16 @@ def encode_plane(
     samples: Samples,
     bits: int,
     codecs: Collection[Codec] = PACKS["auto"],
-    earlier: Earlier | None = None,
+    prior: PriorPlanes | None = None,
 ) -> tuple[Codec, bytes]:
     """Code a plane with each of `codecs` and keep the smallest result.
 
     Args:
-        samples: Shape (height, width), each less than 2**bits.
+        samples: PlaneShape (height, width), each less than 2**bits.
         bits: 1 to 16.
         codecs: What to try; of results of one size the first of `_ORDER` wins. Deflate is used if
             none of them can code the plane, as happens to JPEG XL over 2048 samples in a row.
-        earlier: The planes of the same grid before this one, None = there are none.
+        prior: The planes of the same grid before this one, None = there are none.
 
     Raises:
         ValueError: The samples do not fit.
@@ -81,12 +81,12 @@ def encode_plane(
         )
     if not 1 <= bits <= MAX_BITS or int(samples.max()) >= 1 << bits:
         raise ValueError(f"sample {int(samples.max())} in a plane of {bits} bits")
-    shape = Shape(samples.shape[1], samples.shape[0], bits)
+    shape = PlaneShape(samples.shape[1], samples.shape[0], bits)
     best: tuple[Codec, bytes] | None = None
     for codec in sorted(codecs, key=_ORDER.index):
         if codec is Codec.CONTEXT:
             data: bytes | None = context.encode(
-                samples, shape, earlier or Earlier.none(shape.height, shape.width)
+                samples, shape, prior or PriorPlanes.none(shape.height, shape.width)
             )
         elif best and not _promising(codec, samples, shape, len(best[1])):
             continue
@@ -99,12 +99,12 @@ def encode_plane(
     return best or (Codec.DEFLATE, deflate.encode(samples, shape))
 
 
-def _promising(codec: Codec, samples: Samples, shape: Shape, best: int) -> bool:
+def _promising(codec: Codec, samples: Samples, shape: PlaneShape, best: int) -> bool:
     """Whether a codec may come below `best` bytes, by what it makes of the first rows."""
     rows = max(1, _SAMPLE // shape.width)
     if codec is Codec.RANGES or 2 * rows >= shape.height:
         return True
-    part = _ENCODERS[codec](samples[:rows], Shape(shape.width, rows, shape.bits))
+    part = _ENCODERS[codec](samples[:rows], PlaneShape(shape.width, rows, shape.bits))
     return part is not None and len(part) * shape.height <= _PROMISING * best * rows
 
 
@@ -115,12 +115,12 @@ def decode_plane(
     height: int,
     bits: int,
     limits: Limits,
-    earlier: Earlier | None = None,
+    prior: PriorPlanes | None = None,
 ) -> Samples:
     """Decode a plane of known size; `data` must be used up exactly.
 
     Returns:
-        Shape (height, width), each sample less than 2**bits.
+        PlaneShape (height, width), each sample less than 2**bits.
 
     Raises:
         UnsupportedError: The codec is not registered.
@@ -134,7 +134,7 @@ def decode_plane(
     if width < 1 or height < 1 or not 1 <= bits <= MAX_BITS:
         raise CorruptError(f"plane of {width}x{height} samples of {bits} bits")
     limits.check("plane_samples", width * height, "the number of samples of a plane")
-    shape = Shape(width, height, bits)
+    shape = PlaneShape(width, height, bits)
     if known is Codec.CONTEXT:
-        return context.decode(data, shape, earlier or Earlier.none(height, width))
+        return context.decode(data, shape, prior or PriorPlanes.none(height, width))
     return _DECODERS[known](data, shape)

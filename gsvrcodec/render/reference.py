@@ -70,7 +70,7 @@ def deform(
             * _bilinear(parameters["xt"], x, time)
             * _bilinear(parameters["yt"], y, time)
         )
-    offset = (1 - parameters["alpha"])[:, None] * offset
+    offset = (1 - parameters["indicator"])[:, None] * offset
     mu = position + parameters["linear"] * tau + parameters["quadratic"] * tau**2 + offset[:, 0:2]
     theta = parameters["rotation"] + offset[:, 4]
     cos, sin = theta.cos(), theta.sin()

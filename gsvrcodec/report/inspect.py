@@ -8,15 +8,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from gsvrcodec.bitstream.background_payload import unpack_scene
-from gsvrcodec.bitstream.chunk import SCENE_TYPE
+from gsvrcodec.bitstream.background_payload import unpack_background
+from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, STILL_ATTRIBUTES, Attribute, Shape
+from gsvrcodec.model.attributes import ATTRIBUTES, STILL_ATTRIBUTES, Attribute, GopShape
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -29,15 +29,15 @@ class GopInfo:
     start_pts: int  #: presentation time of its first frame, ticks
     last_pts: int  #: presentation time of its last frame, ticks
     gaussians: int  #: Gaussians of its own
-    scene: int  #: number of the scene whose Gaussians it shows as well; 0 = none
+    background: int  #: number of the background whose Gaussians it shows as well; 0 = none
     grid: tuple[int, int, int]  #: size of the tri-plane in x, y and time; 0 = none
     parameters: int  #: stored numbers, before quantisation
     bytes: int  #: of its payload
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SceneInfo:
-    """One scene of a file."""
+class BackgroundInfo:
+    """One background of a file."""
 
     number: int  #: by which GOPs name it
     gaussians: int  #: Gaussians in it
@@ -52,15 +52,15 @@ class FileInfo:
     path: str
     metadata: Metadata
     gops: tuple[GopInfo, ...]
-    scenes: tuple[SceneInfo, ...]
+    backgrounds: tuple[BackgroundInfo, ...]
     recovered: bool  #: whether it is cut short or damaged, so that GOPs had to be searched for
     warnings: tuple[str, ...]  #: what is wrong with it and does not keep it from being decoded
 
     @property
     def parameters(self) -> int:
-        """Stored numbers of all GOPs and scenes, before quantisation."""
+        """Stored numbers of all GOPs and backgrounds, before quantisation."""
         own = sum(gop.parameters for gop in self.gops)
-        return own + sum(scene.parameters for scene in self.scenes)
+        return own + sum(background.parameters for background in self.backgrounds)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `gsvrinfo --json` prints."""
@@ -89,7 +89,7 @@ class FileInfo:
             "warnings": list(self.warnings),
             "settings": meta.settings,
             "gop_list": [asdict(gop) for gop in self.gops],
-            "scene_list": [asdict(scene) for scene in self.scenes],
+            "background_list": [asdict(background) for background in self.backgrounds],
         }
 
 
@@ -110,20 +110,20 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
             except CorruptError as error:
                 raise error.located(entry.chunk.name, entry.offset) from error
             gops.append(_gop_info(entry, head))
-        scenes = tuple(
-            SceneInfo(
-                number=scene.number,
-                gaussians=scene.gaussians,
-                parameters=_parameters(Shape(scene.gaussians, (0, 0, 0)), STILL_ATTRIBUTES),
-                bytes=scene.chunk.size,
+        backgrounds = tuple(
+            BackgroundInfo(
+                number=background.number,
+                gaussians=background.gaussians,
+                parameters=_parameters(GopShape(background.gaussians, (0, 0, 0)), STILL_ATTRIBUTES),
+                bytes=background.chunk.size,
             )
-            for scene in reader.scenes
+            for background in reader.backgrounds
         )
         return FileInfo(
             os.fspath(path),
             Metadata.of(reader),
             tuple(gops),
-            scenes,
+            backgrounds,
             reader.recovered,
             reader.warnings,
         )
@@ -148,18 +148,20 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
         if reader.recovered:
             yield from reader.warnings
         gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
-        scenes: dict[int, int] = {}
+        backgrounds: dict[int, int] = {}
         for chunk in reader.chunks:
             try:
                 if chunk.offset in gops:
                     payload = reader.read_gop(gops[chunk.offset])
                     content = unpack_gop(payload, reader.header, limits)
                     expected = 0 if content.shown is None else len(content.shown)
-                    if scenes.get(content.scene, 0) != expected:
-                        raise CorruptError(f"scene {content.scene} is lost or another one")
-                elif chunk.type == SCENE_TYPE:
-                    scene = unpack_scene(reader.read_chunk(chunk), limits)
-                    scenes[scene.number] = len(scene.gop)
+                    if backgrounds.get(content.background, 0) != expected:
+                        raise CorruptError(
+                            f"background {content.background} is lost or another one"
+                        )
+                elif chunk.type == BACKGROUND_TYPE:
+                    background = unpack_background(reader.read_chunk(chunk), limits)
+                    backgrounds[background.number] = len(background.gop)
                 else:
                     reader.read_chunk(chunk)
             except CorruptError as error:
@@ -174,13 +176,13 @@ def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
         start_pts=entry.start_pts,
         last_pts=entry.last_pts,
         gaussians=entry.gaussians,
-        scene=head.scene,
+        background=head.background,
         grid=head.grid,
-        parameters=_parameters(Shape(entry.gaussians, head.grid), ATTRIBUTES),
+        parameters=_parameters(GopShape(entry.gaussians, head.grid), ATTRIBUTES),
         bytes=entry.size,
     )
 
 
-def _parameters(shape: Shape, attributes: Sequence[Attribute]) -> int:
+def _parameters(shape: GopShape, attributes: Sequence[Attribute]) -> int:
     """Return how many numbers are stored; the same as `Gop.parameters` of a GOP's content."""
     return sum(a.components * shape.samples(a.grid) for a in attributes)

@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gsvrcodec.bitstream.background_payload import scene_table
+from gsvrcodec.bitstream.background_payload import background_table
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     GOP_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
-    SCENE_TYPE,
     SETTINGS_TYPE,
     SIGNATURE,
     STREAMS_TYPE,
@@ -49,10 +49,10 @@ class Item:
 def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ...]:
     """Return what takes the bytes of a file; together they are all of it.
 
-    The items are the attributes in the order of the spec, in GOPs and scenes alike, which end with
-    the three tri-planes and what GOPs show of scenes; "heads", all else in the two: head, timing
-    and plane table; the auxiliary chunks; "container", what frames and finds them; and "unread",
-    what is damaged or not known to this version. Empty items are left out.
+    The items are the attributes in the order of the spec, in GOPs and backgrounds alike; "heads",
+    all else in the two: head, timing and plane table; the auxiliary chunks; "container", what
+    frames and finds them; and "unread", what is damaged or not known to this version. Empty items
+    are left out.
 
     Raises:
         InputError: the file cannot be read.
@@ -66,7 +66,7 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     for chunk in reader.chunks:
         if chunk.type in STRUCTURAL_TYPES - {GOP_TYPE}:
             sizes["container"] += chunk.size
-        elif chunk.type not in (GOP_TYPE, SCENE_TYPE):
+        elif chunk.type not in (GOP_TYPE, BACKGROUND_TYPE):
             sizes[_NAMES.get(chunk.type, "other")] += chunk.size
     for payload, entries in _tables(reader, limits):
         sizes["heads"] += len(payload) - sum(entry.size for entry in entries)
@@ -89,12 +89,12 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
 
 
 def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[PlaneEntry, ...]]]:
-    """Payload and plane table of each GOP and scene that is sound."""
+    """Payload and plane table of each GOP and background that is sound."""
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)
             yield payload, plane_table(payload, limits)
-    for scene in reader.scenes:
+    for background in reader.backgrounds:
         with suppress(CorruptError, UnsupportedError):
-            payload = reader.read_chunk(scene.chunk)
-            yield payload, scene_table(payload, limits)
+            payload = reader.read_chunk(background.chunk)
+            yield payload, background_table(payload, limits)

@@ -55,7 +55,7 @@ def typical_gop(gaussians: int, size: tuple[int, int], seed: int = 0) -> Gop:
         "log_scale": np.log(0.45 * spacing) + r.normal(0, 0.6, (gaussians, 2)),
         "rotation": r.uniform(0, np.pi, gaussians),
         "colour": r.uniform(0, 0.6, (gaussians, 3)),
-        "alpha": r.uniform(0, 1, gaussians),
+        "indicator": r.uniform(0, 1, gaussians),
         "linear": r.normal(0, 0.02, (gaussians, 2)),
         "quadratic": r.normal(0, 0.01, (gaussians, 2)),
         "xy": r.normal(0, 0.02, (32, 64, 8)),

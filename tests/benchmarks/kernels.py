@@ -33,7 +33,7 @@ HEIGHTS = (360, 720, 1080, 2160)
 MULTIPLY_ADDS = 5
 
 
-def scene(n: int = GAUSSIANS) -> Gop:
+def background(n: int = GAUSSIANS) -> Gop:
     """N nearly still Gaussians of about 2.6 px, round and long ones, in storage order."""
     r = np.random.default_rng(0)
     position = r.uniform(-1, 1, (n, 2)).astype(np.float32)
@@ -43,7 +43,7 @@ def scene(n: int = GAUSSIANS) -> Gop:
         "log_scale": np.log(2.6) + r.normal(0, 0.5, (n, 2)),
         "rotation": r.uniform(0, np.pi, n),
         "colour": r.uniform(0, 0.2, (n, 3)),
-        "alpha": np.full(n, 0.88),
+        "indicator": np.full(n, 0.88),
         "linear": r.normal(0, 0.01, (n, 2)),
         "quadratic": r.normal(0, 0.002, (n, 2)),
         "xy": r.normal(0, 0.01, (32, 64, 8)),
@@ -191,16 +191,16 @@ def main() -> None:
     for isa in isas:
         _core.use_isa(isa)
         for threads in counts:
-            run(scene(), SIZE, SIZE, threads, plain=True)
+            run(background(), SIZE, SIZE, threads, plain=True)
     if not options.no_sweep:
         _core.use_isa(isas[0])
         by_n = {
-            str(n): run(scene(n), SIZE, SIZE, counts[-1], plain=False)
+            str(n): run(background(n), SIZE, SIZE, counts[-1], plain=False)
             for n in (5000, 10_000, 20_000, 40_000, 80_000)
         }
         by_height = {
             f"{height}p": run(
-                scene(), (height * 16 // 9, height), (1280, 720), counts[-1], plain=False
+                background(), (height * 16 // 9, height), (1280, 720), counts[-1], plain=False
             )
             for height in HEIGHTS
         }

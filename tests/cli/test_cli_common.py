@@ -233,7 +233,7 @@ class TestProgress:
             display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 1))
         assert capsys.readouterr().err.splitlines() == [
             "GOP 0/6  0/132 frames",
-            "scene 0/1  GOP 0/6  0/132 frames",
+            "background 0/1  GOP 0/6  0/132 frames",
             "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
         ]
 
@@ -251,8 +251,8 @@ class TestProgress:
             "psnr": 36.208,
             "seconds_per_frame": 1.07,
             "eta_seconds": 89.9,
-            "scene": 0,
-            "scenes": 0,
+            "background": 0,
+            "backgrounds": 0,
         }
         assert second == {"event": "done", "path": "a.gsvr"}
 

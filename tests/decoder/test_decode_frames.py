@@ -274,12 +274,12 @@ class TestBadFiles:
         assert "frames 6 to 9 are left out" in caplog.text
         assert "pictures from 0.4" in caplog.text
 
-    def test_damage_of_a_scene_stays_in_its_gops(self, tmp_path: Path) -> None:
-        data = bytearray((VALID / "scenes.gsvr").read_bytes())
+    def test_damage_of_a_background_stays_in_its_gops(self, tmp_path: Path) -> None:
+        data = bytearray((VALID / "backgrounds.gsvr").read_bytes())
         sound, damaged = tmp_path / "sound.gsvr", tmp_path / "damaged.gsvr"
         sound.write_bytes(data)
         with GsvrReader(sound) as reader:
-            (first, _) = reader.scenes
+            (first, _) = reader.backgrounds
         data[first.chunk.payload_offset + 60] ^= 1
         damaged.write_bytes(data)
         with gsvrcodec.open(sound) as decoder:

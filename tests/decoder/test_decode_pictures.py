@@ -51,7 +51,7 @@ class TestRender:
         assert np.array_equal(decoder.render(Fraction(5560, 90_000)), expected)
 
     def test_fades_from_gop_to_gop(self, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "scene.gsvr", frames=(3, 2), one_scene=True)
+        path = making.gsvr_file(tmp_path / "shot.gsvr", frames=(3, 2), one_shot=True)
         with gsvrcodec.open(path) as decoder:
             last, first = decoder[2], decoder[3]
             quarter = Fraction(3 * last.pts + first.pts, 4) * decoder.metadata.time_base
@@ -59,7 +59,7 @@ class TestRender:
             assert np.abs(last.data - mean).max() > 10
             assert np.array_equal(decoder.render(quarter), np.floor(mean + 0.5))
 
-    def test_another_scene_does_not_fade_in(self, decoder: Decoder, sequence: list[Frame]) -> None:
+    def test_another_shot_does_not_fade_in(self, decoder: Decoder, sequence: list[Frame]) -> None:
         for frame in (sequence[4], sequence[5]):
             late = Fraction(frame.pts + frame.duration - 1, 90_000)
             assert np.array_equal(decoder.render(late), frame.data)
@@ -99,7 +99,7 @@ class TestSize:
             assert large[3].data.shape == (64, 96, 3)
             assert next(iter(large)).data.shape == (64, 96, 3)
             assert large[2:5].data.shape == (3, 64, 96, 3)
-            # It is the same scene: its means of two by two pixels are the small picture.
+            # It is the same shot: its means of two by two pixels are the small picture.
             means = large[3].data.reshape(32, 2, 48, 2, 3).mean((1, 3)).round().astype(np.uint8)
         assert making.psnr(means, sequence[3].data) > 30
 
@@ -119,7 +119,7 @@ class TestSize:
 
 class TestLayers:
     def test_add_up(self, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "a.gsvr", one_scene=True)
+        path = making.gsvr_file(tmp_path / "a.gsvr", one_shot=True)
         pictures = []
         for name in get_args(Layers):
             with gsvrcodec.open(path, layers=name) as decoder:

@@ -31,7 +31,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve frames at 25 a second, from a tenth of a second on."""
     times = [(1280 + 512 * number, 512) for number in range(12)]
     path = tmp_path_factory.mktemp("transcode") / "a.gsvr"
-    return making.gsvr_file(path, times=times, one_scene=True)
+    return making.gsvr_file(path, times=times, one_shot=True)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gsvrcodec.decoder.pictures import Size, picture_size
+from gsvrcodec.decoder.pictures import RequestedSize, picture_size
 from gsvrcodec.errors import LimitError, UsageError
 from gsvrcodec.limits import Limits
 
@@ -28,7 +28,7 @@ CODED = (241, 135)
     ],
     ids=str,
 )
-def test_sizes(size: Size | None, pixels: tuple[int, int]) -> None:
+def test_sizes(size: RequestedSize | None, pixels: tuple[int, int]) -> None:
     assert picture_size(size, CODED, Limits()) == pixels
 
 
@@ -47,7 +47,7 @@ def test_sizes(size: Size | None, pixels: tuple[int, int]) -> None:
     ],
     ids=str,
 )
-def test_no_size_fails(size: Size, message: str) -> None:
+def test_no_size_fails(size: RequestedSize, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         picture_size(size, CODED, Limits())
 
@@ -62,7 +62,7 @@ def test_no_size_fails(size: Size, message: str) -> None:
     ],
     ids=str,
 )
-def test_too_large_fails(size: Size, limit: str) -> None:
+def test_too_large_fails(size: RequestedSize, limit: str) -> None:
     coded = (1, 10_000) if size == (10, -1) else CODED
     with pytest.raises(LimitError, match=limit):
         picture_size(size, coded, Limits())

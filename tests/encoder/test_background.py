@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import gsvrcodec
-from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.encoder.analysis import analyse
 from gsvrcodec.encoder.background import (
     StillShot,
@@ -22,18 +22,18 @@ from gsvrcodec.encoder.background import (
     still_rgb,
     still_shots,
 )
-from gsvrcodec.encoder.jobs import encode_gop, scene_task
+from gsvrcodec.encoder.jobs import background_task, encode_gop
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import slice_gops
 from gsvrcodec.fit.field import Field, squared_error
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Scene, together, with_scene
+from gsvrcodec.model.background import Background, together, with_background
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from gsvrcodec.video import open_video
 from tests import making
-from tests.fit.scenes import quality, task, unpacked
+from tests.fit.synthetic import quality, task, unpacked
 from tests.gops import make_gop
 
 Frames = NDArray[np.uint8]
@@ -111,37 +111,41 @@ class TestShots:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
-    task = scene_task(4, texture(1), 24, Budget(900), EncodeSettings(preset="fast", threads=1))
+def background() -> Background:
+    task = background_task(4, texture(1), 24, Budget(900), EncodeSettings(preset="fast", threads=1))
     done = encode_gop(task)
     assert done.psnr > 25
-    result = unpack_scene(done.payload, Limits())
+    result = unpack_background(done.payload, Limits())
     assert result.number == 4
     assert len(result.gop) == 900
     return result
 
 
 class TestFit:
-    def test_a_gop_in_front(self, scene: Scene) -> None:
+    def test_a_gop_in_front(self, background: Background) -> None:
         film = locked_camera(5)
         job = replace(task(film, 60, preset="fast", threads=1), grid=(8, 5, 3))
         alone = encode_gop(job)
-        done = encode_gop(replace(job, scene=scene, scene_picture=still_png(texture(1))))
+        done = encode_gop(
+            replace(job, background=background, background_picture=still_png(texture(1)))
+        )
         assert done.psnr > alone.psnr + 3
         content = unpacked(done, job)
-        assert content.scene == 4
+        assert content.background == 4
         assert content.shown is not None
-        shown = shown_of(scene, texture(1), film)
+        shown = shown_of(background, texture(1), film)
         np.testing.assert_array_equal(content.shown, shown)
         assert 0.5 < shown.mean() < 1
-        whole = replace(content, gop=with_scene(content.gop, scene, content.shown))
+        whole = replace(content, gop=with_background(content.gop, background, content.shown))
         assert quality(whole, film) == pytest.approx(done.psnr, abs=0.02)
 
-    def test_a_gop_without_any_of_it(self, scene: Scene) -> None:
+    def test_a_gop_without_any_of_it(self, background: Background) -> None:
         job = task(np.zeros((2, HEIGHT, WIDTH, 3), np.uint8), 40, threads=1)
-        done = encode_gop(replace(job, scene=scene, scene_picture=still_png(texture(1))))
+        done = encode_gop(
+            replace(job, background=background, background_picture=still_png(texture(1)))
+        )
         assert done.payload == encode_gop(job).payload
-        assert unpacked(done, job).scene == 0
+        assert unpacked(done, job).background == 0
 
     @pytest.mark.parametrize("size", [SIZE, (80, 48)])
     def test_a_backdrop_is_what_is_drawn_behind(self, size: tuple[int, int]) -> None:
@@ -149,7 +153,7 @@ class TestFit:
         own, still = make_gop(8, (3, 2, 2)), make_gop(20, seed=4)
         still = replace(
             still,
-            alpha=np.ones_like(still.alpha),
+            indicator=np.ones_like(still.indicator),
             linear=np.zeros_like(still.linear),
             quadratic=np.zeros_like(still.quadratic),
         )
@@ -167,21 +171,28 @@ class TestFit:
 class TestEncode:
     def test_a_locked_camera_is_stored_once(self, locked: Path, tmp_path: Path) -> None:
         results = {}
-        for scenes in (True, False):
-            path = tmp_path / f"{scenes}.gsvr"
-            results[scenes] = gsvrcodec.encode(
-                locked, path, gop=6, bpp=0.6, preset="fast", scenes=scenes, workers=1, verify=True
+        for backgrounds in (True, False):
+            path = tmp_path / f"{backgrounds}.gsvr"
+            results[backgrounds] = gsvrcodec.encode(
+                locked,
+                path,
+                gop=6,
+                bpp=0.6,
+                preset="fast",
+                backgrounds=backgrounds,
+                workers=1,
+                verify=True,
             )
             assert list(verify(path)) == []
-        with_scenes, without = results[True], results[False]
-        assert (with_scenes.scenes, without.scenes) == (1, 0)
-        assert with_scenes.psnr > without.psnr + 1
-        assert 0.57 < with_scenes.bpp <= 0.6
+        with_backgrounds, without = results[True], results[False]
+        assert (with_backgrounds.backgrounds, without.backgrounds) == (1, 0)
+        assert with_backgrounds.psnr > without.psnr + 1
+        assert 0.57 < with_backgrounds.bpp <= 0.6
         info = inspect(tmp_path / "True.gsvr")
-        (scene,) = info.scenes
-        assert [gop.scene for gop in info.gops] == [1, 1, 1, 1]
-        assert info.metadata.gaussians == with_scenes.gaussians
-        assert info.parameters > 8 * scene.gaussians
+        (background,) = info.backgrounds
+        assert [gop.background for gop in info.gops] == [1, 1, 1, 1]
+        assert info.metadata.gaussians == with_backgrounds.gaussians
+        assert info.parameters > 8 * background.gaussians
         items = {item.name: item.bytes for item in inspect_bytes(tmp_path / "True.gsvr")}
         assert items["shown"] > 0
         assert sum(items.values()) == info.metadata.size_bytes
@@ -197,7 +208,7 @@ class TestEncode:
 
     def test_a_quality_is_met(self, locked: Path, tmp_path: Path) -> None:
         result = gsvrcodec.encode(locked, tmp_path / "a.gsvr", gop=12, target_psnr=30, workers=1)
-        assert result.scenes == 1
+        assert result.backgrounds == 1
         assert abs(result.psnr - 30) < 0.15
 
     def test_workers_and_resuming_give_the_same_file(self, locked: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gsvrcodec.encoder.checkpoint import Parts
+from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.errors import OutputError
 from tests.cli.tools import ROOT
 
@@ -20,11 +20,11 @@ FACTS = {"psnr": 0.1 + 0.2, "seconds": float("inf")}
 
 def opened(
     target: Path | None, *, resume: bool = True, restart: bool = False, **plan: Any
-) -> Parts:
-    return Parts(target, {**PLAN, **plan}, resume=resume, restart=restart)
+) -> Checkpoint:
+    return Checkpoint(target, {**PLAN, **plan}, resume=resume, restart=restart)
 
 
-def failed(parts: Parts) -> list[str]:
+def failed(parts: Checkpoint) -> list[str]:
     """Leave the block of an encode by an error; return the notes that the error got."""
     error = KeyboardInterrupt()
     parts.__exit__(type(error), error, None)
@@ -145,8 +145,8 @@ class TestRefused:
         code = f"""
 import sys
 from pathlib import Path
-from gsvrcodec.encoder.checkpoint import Parts
-with Parts(Path({str(target)!r}), {{}}, resume=False, restart=False):
+from gsvrcodec.encoder.checkpoint import Checkpoint
+with Checkpoint(Path({str(target)!r}), {{}}, resume=False, restart=False):
     print("ready", flush=True)
     sys.stdin.read()
 """

@@ -55,7 +55,7 @@ class TestRealClips:
         assert result.bytes == target.stat().st_size
         assert result.path == target
 
-    def test_a_scene_cut_starts_a_gop(self, tmp_path: Path) -> None:
+    def test_a_background_cut_starts_a_gop(self, tmp_path: Path) -> None:
         quick(making.ODD, tmp_path / "a.gsvr", gop_min=2, frames=16)
         with gsvrcodec.open(tmp_path / "a.gsvr") as decoder:
             content = [decoder.metadata.gops, len(decoder)]
@@ -129,7 +129,9 @@ class TestProgress:
         calls: list[Progress] = []
         result = quick(making.NOISE, tmp_path / "a.gsvr", gop=8, progress=calls.append)
         assert [(call.gop, call.gops) for call in calls] == [(n, 3) for n in (0, 0, 1, 2, 3)]
-        assert [(call.scene, call.scenes) for call in calls] == [(n, 1) for n in (0, 1, 1, 1, 1)]
+        assert [(call.background, call.backgrounds) for call in calls] == [
+            (n, 1) for n in (0, 1, 1, 1, 1)
+        ]
         assert [call.frames_done for call in calls] == [0, 0, 8, 16, 20]
         assert {call.frames for call in calls} == {20}
         assert calls[0].psnr is calls[0].seconds_per_frame is calls[0].eta_seconds is None

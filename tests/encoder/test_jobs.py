@@ -16,7 +16,7 @@ from gsvrcodec.encoder.jobs import GopTask, encode_gop
 from gsvrcodec.encoder.settings import Pack
 from gsvrcodec.fit.options import Deform
 from tests import making
-from tests.fit.scenes import (
+from tests.fit.synthetic import (
     assert_finite,
     moving_texture,
     quality,

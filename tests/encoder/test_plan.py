@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.encoder.analysis import Step
+from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.background import StillShot
 from gsvrcodec.encoder.plan import (
     Budget,
@@ -104,12 +104,12 @@ def test_no_grid_for_a_polynomial(profile: Profile) -> None:
     assert grid_parameters((0, 0, 0)) == 0
 
 
-class TestScenes:
-    """What a scene gets is taken from its GOPs, and from no other."""
+class TestBackgrounds:
+    """What a background gets is taken from its GOPs, and from no other."""
 
     SIZE = (640, 360)
     GOPS = ranges([20] * 6)
-    STEPS: ClassVar = [Step(0.4, number == 100, 9.0, 300.0) for number in range(120)]
+    STEPS: ClassVar = [FrameStats(0.4, number == 100, 9.0, 300.0) for number in range(120)]
     SHOT = StillShot(1, range(1, 5), 0.9, b"")
 
     def plan(self, *stills: StillShot, **settings: Any) -> Plan:
@@ -120,54 +120,54 @@ class TestScenes:
 
     def test_bytes(self) -> None:
         before, after = self.plan(bpp=0.1), self.plan(self.SHOT, bpp=0.1)
-        ((shot, scene),) = after.scenes
+        ((shot, background),) = after.backgrounds
         assert shot is self.SHOT
-        assert scene.target_bytes is not None
+        assert background.target_bytes is not None
         sizes = [[budget.target_bytes or 0 for budget in p.gops] for p in (before, after)]
         assert sizes[0][0] == sizes[1][0]
         assert sizes[0][5] == sizes[1][5]
-        assert sum(sizes[0]) == sum(sizes[1]) + scene.target_bytes
-        assert scene.target_bytes > max(sizes[1])
-        assert scene.gaussians > after.gops[1].gaussians
+        assert sum(sizes[0]) == sum(sizes[1]) + background.target_bytes
+        assert background.target_bytes > max(sizes[1])
+        assert background.gaussians > after.gops[1].gaussians
         assert [budget.gaussians for budget in after.gops[1:5]] < [
             budget.gaussians for budget in before.gops[1:5]
         ]
 
     def test_parameters(self) -> None:
         after = self.plan(self.SHOT, params=400_000)
-        ((_, scene),) = after.scenes
+        ((_, background),) = after.backgrounds
         grids = sum(
             grid_parameters(triplane_grid(self.SIZE, 20, EncodeSettings())) for _ in self.GOPS
         )
         own = sum(budget.gaussians for budget in after.gops)
-        total = grids + GAUSSIAN_PARAMETERS * own + 8 * scene.gaussians
+        total = grids + GAUSSIAN_PARAMETERS * own + 8 * background.gaussians
         assert 0.99 * 400_000 < total < 1.001 * 400_000
 
     def test_a_quality(self) -> None:
         after = self.plan(self.SHOT, target_psnr=35)
-        ((_, scene),) = after.scenes
-        assert 36 < (scene.target_psnr or 0) < 40
+        ((_, background),) = after.backgrounds
+        assert 36 < (background.target_psnr or 0) < 40
         assert {budget.target_psnr for budget in after.gops} == {35}
 
     def test_more_gops_share_a_smaller_part(self) -> None:
         parts = []
         for gops in (range(1, 3), range(1, 5)):
             shot = replace(self.SHOT, gops=gops)
-            ((_, scene),) = self.plan(shot, bpp=0.1).scenes
-            parts.append((scene.target_bytes or 0) / len(gops))
+            ((_, background),) = self.plan(shot, bpp=0.1).backgrounds
+            parts.append((background.target_bytes or 0) / len(gops))
         assert parts[1] < parts[0]
 
     def test_too_few_bytes_for_one(self) -> None:
-        assert self.plan(self.SHOT, bpp=0.0055).scenes == []
+        assert self.plan(self.SHOT, bpp=0.0055).backgrounds == []
 
-    def test_in_front_of_a_scene_the_grid_is_coarse(self) -> None:
+    def test_in_front_of_a_background_the_grid_is_coarse(self) -> None:
         grids = [budget.grid for budget in self.plan(self.SHOT, bpp=0.4).gops]
         assert grids[1:5] == [(16, 9, 10)] * 4
         assert grids[0] == grids[5] == (32, 18, 20)
 
 
 def test_a_dear_grid_is_coarse() -> None:
-    steps = [Step(0.4, False, 9.0, 300.0)] * 20
+    steps = [FrameStats(0.4, False, 9.0, 300.0)] * 20
     grids = [
         plan([range(20)], steps, (640, 360), EncodeSettings(bpp=bpp), seconds=1.0, overhead=0)
         .gops[0]
@@ -180,9 +180,9 @@ def test_a_dear_grid_is_coarse() -> None:
 class TestPlan:
     SIZE = (320, 180)
 
-    def steps(self, *changes: float) -> list[Step]:
+    def steps(self, *changes: float) -> list[FrameStats]:
         """Return 30 frames of each of these rates of change."""
-        return [Step(0.1, False, change, 300.0) for change in changes for _ in range(30)]
+        return [FrameStats(0.1, False, change, 300.0) for change in changes for _ in range(30)]
 
     def budgets(self, *changes: float, **settings: Any) -> list[Budget]:
         gops = ranges([30] * len(changes))
@@ -266,13 +266,13 @@ class TestPlan:
     ],
 )
 def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
-    steps = [Step(0.1, False, 5.0, 300.0)] * 60
+    steps = [FrameStats(0.1, False, 5.0, 300.0)] * 60
     chosen = EncodeSettings(**settings)
     assert longest_gop(steps, (320, 180), chosen, seconds=3.0) == frames
 
 
 def test_low_quality_has_longer_gops() -> None:
-    steps = [Step(0.1, False, 5.0, 300.0)] * 60
+    steps = [FrameStats(0.1, False, 5.0, 300.0)] * 60
     low, high = (
         longest_gop(steps, (320, 180), EncodeSettings(target_psnr=psnr), seconds=3.0)
         for psnr in (28.0, 40.0)

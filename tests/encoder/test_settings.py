@@ -53,7 +53,7 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"deform": "none"}, "--deform must be one of hybrid, triplane, polynomial"),
         ({"flow": "farneback"}, "--flow must be one of dis, raft"),
         ({"pack": "zip"}, "--pack must be one of auto, entropy, jxl, png, deflate"),
-        ({"gop": "scene"}, "--gop must be 'adaptive' or a number of frames"),
+        ({"gop": "background"}, "--gop must be 'adaptive' or a number of frames"),
         ({"gop": 0}, "--gop must be at least 1"),
         ({"gop_min": 0}, "--gop-min must be at least 1"),
         ({"params": 0}, "--params must be at least 1"),
@@ -95,10 +95,10 @@ def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
     [
         ({}, True),
         ({"bpp": 0.1}, True),
-        ({"scenes": False}, False),
+        ({"backgrounds": False}, False),
         ({"gaussians": 50}, False),
         ({"profile": "paper"}, False),
     ],
 )
-def test_when_there_may_be_scenes(settings: dict[str, Any], may: bool) -> None:
-    assert EncodeSettings(**settings).may_have_scenes == may
+def test_when_there_may_be_backgrounds(settings: dict[str, Any], may: bool) -> None:
+    assert EncodeSettings(**settings).may_have_backgrounds == may

@@ -1,4 +1,4 @@
-"""Cutting into GOPs: scene cuts of real clips, and lengths that keep what was asked."""
+"""Cutting into GOPs: shot cuts of real clips, and lengths that keep what was asked."""
 
 from __future__ import annotations
 
@@ -10,30 +10,32 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gsvrcodec.encoder.analysis import Step, analyse
+from gsvrcodec.encoder.analysis import FrameStats, analyse
 from gsvrcodec.encoder.slicing import slice_gops
 from gsvrcodec.fit.flow import flow_estimator
 from tests import making
-from tests.fit.scenes import FRAMES, moving_texture, sample
+from tests.fit.synthetic import FRAMES, moving_texture, sample
 
 STEPS = st.lists(
-    st.builds(Step, st.floats(0, 60) | st.just(0.0), st.integers(0, 30).map(lambda n: n == 0)),
+    st.builds(
+        FrameStats, st.floats(0, 60) | st.just(0.0), st.integers(0, 30).map(lambda n: n == 0)
+    ),
     min_size=1,
     max_size=150,
 )
 
 
-def scenes(steps: list[Step]) -> list[int]:
-    """Return the length of each scene."""
+def shots(steps: list[FrameStats]) -> list[int]:
+    """Return the length of each shot."""
     starts = [n for n, step in enumerate(steps) if step.cut or n == 0]
     return [stop - start for start, stop in pairwise([*starts, len(steps)])]
 
 
-def by_scene(gops: list[range], steps: list[Step]) -> Iterator[list[int]]:
-    """Yield the lengths of each scene's GOPs, which cover it exactly."""
+def by_background(gops: list[range], steps: list[FrameStats]) -> Iterator[list[int]]:
+    """Yield the lengths of each shot's GOPs, which cover it exactly."""
     rest = iter(gops)
     start = 0
-    for length in scenes(steps):
+    for length in shots(steps):
         lengths: list[int] = []
         while sum(lengths) < length:
             gop = next(rest)
@@ -75,18 +77,18 @@ class TestAnalyse:
 
 class TestSliceGops:
     @given(steps=STEPS, gop=st.integers(1, 40))
-    def test_fixed_length(self, steps: list[Step], gop: int) -> None:
-        for lengths in by_scene(slice_gops(steps, gop, minimum=1, maximum=1), steps):
+    def test_fixed_length(self, steps: list[FrameStats], gop: int) -> None:
+        for lengths in by_background(slice_gops(steps, gop, minimum=1, maximum=1), steps):
             assert set(lengths[:-1]) <= {gop}
             assert lengths[-1] <= gop
 
     # Motion at the start must not leave the end with fewer than the minimum.
-    @example(steps=[Step(60.0 * (n < 4), False) for n in range(11)], minimum=3, extra=1)
+    @example(steps=[FrameStats(60.0 * (n < 4), False) for n in range(11)], minimum=3, extra=1)
     @given(steps=STEPS, minimum=st.integers(1, 20), extra=st.integers(0, 30))
-    def test_adaptive_length(self, steps: list[Step], minimum: int, extra: int) -> None:
+    def test_adaptive_length(self, steps: list[FrameStats], minimum: int, extra: int) -> None:
         maximum = minimum + extra
         gops = slice_gops(steps, "adaptive", minimum=minimum, maximum=maximum)
-        for lengths, frames in zip(by_scene(gops, steps), scenes(steps), strict=True):
+        for lengths, frames in zip(by_background(gops, steps), shots(steps), strict=True):
             assert max(lengths) <= maximum
             fewest = -(-frames // maximum)
             if fewest * minimum <= frames:
@@ -94,7 +96,7 @@ class TestSliceGops:
 
     def test_more_motion_makes_more_gops(self) -> None:
         def gops(motion: float) -> int:
-            steps = [Step(0.0, True), *[Step(motion, False)] * 95]
+            steps = [FrameStats(0.0, True), *[FrameStats(motion, False)] * 95]
             return len(slice_gops(steps, "adaptive", minimum=4, maximum=32))
 
         counts = [gops(motion) for motion in (0, 0.5, 1, 2, 4, 8)]

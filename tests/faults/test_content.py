@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     GOP_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
-    SCENE_TYPE,
     SIGNATURE,
     chunk_bytes,
 )
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.model.gop import Gop
 from tests.faults.small import FILE, FIRST, HEAD, opened
-from tests.gops import HEADER, decode_all, make_file, make_payload, make_scene
+from tests.gops import HEADER, decode_all, make_background, make_file, make_payload
 from tests.tampering import (
     TABLE_OFFSET,
     Piece,
@@ -186,54 +186,55 @@ class TestBombs:
         self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
 
 
-class TestScenes:
-    """What a GOP may claim of a scene."""
+class TestBackgrounds:
+    """What a GOP may claim of a background."""
 
     FILE = make_file(
-        [make_payload(6, scene=3, shown=np.arange(40) % 2 == 0)], scenes={0: make_scene(3, 40)}
+        [make_payload(6, background=3, shown=np.arange(40) % 2 == 0)],
+        backgrounds={0: make_background(3, 40)},
     )
 
     def test_the_file_is_valid(self) -> None:
         (content,) = decode_all(self.FILE)
         assert len(content.gop) == 6 + 20
-        assert (content.gop.alpha[6:] == 1).all()
+        assert (content.gop.indicator[6:] == 1).all()
 
     @pytest.mark.parametrize(
         ("offset", "value", "says"),
         [
-            (48, 2, "scene 2 is lost"),
-            (48, 0, "scene 0 of 40 Gaussians"),
-            (52, 0, "scene 3 of 0 Gaussians"),
+            (48, 2, "background 2 is lost"),
+            (48, 0, "background 0 of 40 Gaussians"),
+            (52, 0, "background 3 of 0 Gaussians"),
             (52, 39, "expected 7x6|has 40 Gaussians, the GOP expects 39"),
             (52, 2**32 - 1, "the header's maximum is 46"),
         ],
     )
-    def test_a_gop_that_lies_of_its_scene(self, offset: int, value: int, says: str) -> None:
+    def test_a_gop_that_lies_of_its_background(self, offset: int, value: int, says: str) -> None:
         with pytest.raises(CorruptError, match=says):
             decode_all(patched(self.FILE, GOP_TYPE, offset, "I", value))
 
-    def test_a_scene_behind_its_gop(self) -> None:
-        head, scene, gop = pieces(self.FILE)[:3]
-        with pytest.raises(CorruptError, match="scene 3 is lost"):
-            decode_all(joined([head, gop, scene]))
+    def test_a_background_behind_its_gop(self) -> None:
+        head, background, gop = pieces(self.FILE)[:3]
+        with pytest.raises(CorruptError, match="background 3 is lost"):
+            decode_all(joined([head, gop, background]))
 
-    def test_scenes_out_of_turn(self) -> None:
-        head, scene, gop = pieces(self.FILE)[:3]
-        later = Piece(SCENE_TYPE, make_scene(4, 40))
-        with pytest.raises(CorruptError, match="scene 3 is lost"):
-            decode_all(joined([head, later, scene, gop]))
+    def test_backgrounds_out_of_turn(self) -> None:
+        head, background, gop = pieces(self.FILE)[:3]
+        later = Piece(BACKGROUND_TYPE, make_background(4, 40))
+        with pytest.raises(CorruptError, match="background 3 is lost"):
+            decode_all(joined([head, later, background, gop]))
 
-    def test_a_scene_beyond_reason(self) -> None:
-        data = patched(self.FILE, SCENE_TYPE, 4, "I", 2**32 - 1)
+    def test_a_background_beyond_reason(self) -> None:
+        data = patched(self.FILE, BACKGROUND_TYPE, 4, "I", 2**32 - 1)
         with pytest.raises(LimitError, match="GSVR_LIMIT_GAUSSIANS"):
             decode_all(data)
 
-    def test_every_changed_byte_of_a_scene_is_refused_or_stays_finite(self) -> None:
-        scene = make_scene(3, 40)
-        for at in range(len(scene)):
-            for value in (0, 0xFF, scene[at] ^ 1):
+    def test_every_changed_byte_of_a_background_is_refused_or_stays_finite(self) -> None:
+        background = make_background(3, 40)
+        for at in range(len(background)):
+            for value in (0, 0xFF, background[at] ^ 1):
                 try:
-                    (content,) = decode_all(patched(self.FILE, SCENE_TYPE, at, "B", value))
+                    (content,) = decode_all(patched(self.FILE, BACKGROUND_TYPE, at, "B", value))
                 except GsvrError:
                     continue
                 for name in Gop.__slots__:
@@ -258,7 +259,7 @@ class TestVersions:
             opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 3))
 
     @pytest.mark.parametrize("flags", [0, 1, 2])
-    def test_a_file_without_levels_or_scenes_is_unsupported(self, flags: int) -> None:
+    def test_a_file_without_levels_or_backgrounds_is_unsupported(self, flags: int) -> None:
         with pytest.raises(UnsupportedError, match=r"reads 0\.4 and later: encode the video anew"):
             opened(patched(FILE, HEAD_TYPE, 4, "I", flags))
 

@@ -31,25 +31,25 @@ class TestExport:
     def test_hybrid_keeps_the_start(self, start: Gop) -> None:
         gop = Field(start, "hybrid").gop()
         for name in set(Gop.__slots__) - {"xy"}:  # the grid is scaled by its channels' gains
-            atol = 2e-3 if name == "alpha" else 1e-6  # alpha stays clear of 0 and 1
+            atol = 2e-3 if name == "indicator" else 1e-6  # indicator stays clear of 0 and 1
             np.testing.assert_allclose(getattr(gop, name), getattr(start, name), atol=atol)
         assert gop.xy.shape == start.xy.shape
 
     def test_triplane_has_no_polynomial(self, start: Gop) -> None:
         field = Field(start, "triplane")
         gop = field.gop()
-        assert not gop.alpha.any()
+        assert not gop.indicator.any()
         assert not gop.linear.any()
         assert not gop.quadratic.any()
-        assert {"alpha", "linear", "quadratic"}.isdisjoint(field.raw)
+        assert {"indicator", "linear", "quadratic"}.isdisjoint(field.raw)
         np.testing.assert_array_equal(gop.xt, start.xt)
 
     def test_polynomial_has_no_triplane(self, start: Gop) -> None:
         field = Field(start, "polynomial")
         gop = field.gop()
         assert not gop.xy.size + gop.xt.size + gop.yt.size
-        assert (gop.alpha == 1).all()
-        assert {"alpha", "xy", "xt", "yt"}.isdisjoint(field.raw)
+        assert (gop.indicator == 1).all()
+        assert {"indicator", "xy", "xt", "yt"}.isdisjoint(field.raw)
         np.testing.assert_array_equal(gop.linear, start.linear)
 
     @pytest.mark.parametrize("mode", MODES)

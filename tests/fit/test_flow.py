@@ -10,7 +10,7 @@ import pytest
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.flow import flow_estimator, motion_degree, resize
-from tests.fit.scenes import moving_texture
+from tests.fit.synthetic import moving_texture
 
 
 class TestDis:

@@ -7,7 +7,7 @@ import pytest
 
 from gsvrcodec.fit.flow import FlowEstimator, Image, flow_estimator
 from gsvrcodec.fit.motion import Tracker
-from tests.fit.scenes import moving_texture, times
+from tests.fit.synthetic import moving_texture, times
 
 STILL = np.zeros((20, 30, 3), np.uint8)
 

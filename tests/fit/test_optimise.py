@@ -16,7 +16,7 @@ from gsvrcodec.fit.relocate import reorder
 from gsvrcodec.fit.start import random_start
 from gsvrcodec.render import render_frames
 from tests import making
-from tests.fit.scenes import Frames, assert_finite, sample, times
+from tests.fit.synthetic import Frames, assert_finite, sample, times
 
 
 def quality(field: Field, frames: Frames) -> float:

@@ -16,7 +16,7 @@ from gsvrcodec.model.gop import Gop
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import parameters
 from tests import making
-from tests.fit.scenes import times
+from tests.fit.synthetic import times
 
 SIZE = (96, 64)
 

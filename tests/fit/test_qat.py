@@ -54,8 +54,8 @@ class TestValues:
         assert_as_decoded(gop, dict.fromkeys(Gop.__slots__, bits), ties=1.0 if bits > 10 else 0.2)
 
     def test_equal_values_stay(self) -> None:
-        values = {"colour": torch.full((9, 3), 0.3), "alpha": torch.zeros(9)}
-        out = fake_quantiser({"colour": 10, "alpha": 6})(values)
+        values = {"colour": torch.full((9, 3), 0.3), "indicator": torch.zeros(9)}
+        out = fake_quantiser({"colour": 10, "indicator": 6})(values)
         for name, tensor in values.items():
             torch.testing.assert_close(out[name], tensor)
 

@@ -10,7 +10,7 @@ from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.relocate import relocate
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.render import render_frames
-from tests.fit.scenes import Frames, assert_finite, moving_texture, times
+from tests.fit.synthetic import Frames, assert_finite, moving_texture, times
 
 SIZE = (96, 64)
 

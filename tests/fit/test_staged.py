@@ -17,7 +17,7 @@ from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Steps, dequantised
 from gsvrcodec.render import render_frames
-from tests.fit.scenes import Frames, moving_texture, times
+from tests.fit.synthetic import Frames, moving_texture, times
 
 SIZE = (96, 64)
 COARSE = {"position": 0.004, "log_scale": 0.1, "rotation": np.pi / 40, "colour": 0.02}
@@ -56,14 +56,14 @@ def test_all_but_colours_are_what_will_be_stored() -> None:
     frames = moving_texture(3, (2, 1), SIZE)
     gop = fitted(frames, "hybrid")
     still = np.arange(300) % 3 == 0
-    gop = replace(gop, alpha=np.where(still, np.float32(1), gop.alpha))
+    gop = replace(gop, indicator=np.where(still, np.float32(1), gop.indicator))
     result = settled(gop, frames, "hybrid", 9)
     again = dequantised(result, STEPS)
     for name in {a.name for a in ATTRIBUTES} - {"colour", "rotation"}:
         np.testing.assert_array_equal(getattr(again, name), getattr(result, name))
     turned = np.abs(again.rotation - result.rotation)
     np.testing.assert_allclose(np.minimum(turned, np.pi - turned), 0, atol=1e-6)
-    assert (result.alpha[still] == 1).all()
+    assert (result.indicator[still] == 1).all()
     assert (result.colour != again.colour).any()
 
 

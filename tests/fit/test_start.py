@@ -10,7 +10,7 @@ from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render import render_frames
 from tests import making
-from tests.fit.scenes import Frames, assert_finite, moving_texture, sample, times
+from tests.fit.synthetic import Frames, assert_finite, moving_texture, sample, times
 
 GRID = (6, 4, 5)
 
@@ -34,7 +34,7 @@ def assert_shapes(gop: Gop, gaussians: int, grid: tuple[int, int, int]) -> None:
     assert len(gop) == gaussians
     assert gop.position.shape == gop.log_scale.shape == (gaussians, 2)
     assert gop.linear.shape == gop.quadratic.shape == (gaussians, 2)
-    assert gop.rotation.shape == gop.alpha.shape == (gaussians,)
+    assert gop.rotation.shape == gop.indicator.shape == (gaussians,)
     assert gop.colour.shape == (gaussians, 3)
     assert gop.xy.shape == (gy, gx, 8)
     assert gop.xt.shape == (gt, gx, 8)

@@ -11,7 +11,7 @@ from gsvrcodec.fit.precision import equal_slope_steps
 from gsvrcodec.fit.static import with_still
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import dequantised
-from tests.render.scenes import random_gop
+from tests.render.examples import random_gop
 
 FEW = 0.01
 
@@ -23,7 +23,7 @@ def _changes(gop: Gop) -> Gop:
 def _some_slow() -> Gop:
     gop = random_gop(40)
     gop.linear[:] += 0.5 * np.sign(gop.linear)
-    gop.alpha[:20] = 1 - FEW
+    gop.indicator[:20] = 1 - FEW
     gop.linear[:20] = gop.quadratic[:20] = FEW
     return gop
 
@@ -31,7 +31,7 @@ def _some_slow() -> Gop:
 def test_the_slow_stand_still_and_the_others_do_not_change() -> None:
     gop = _some_slow()
     stored = with_still(gop, _changes(gop), 1.0)
-    assert (stored.alpha[:20] == 1).all()
+    assert (stored.indicator[:20] == 1).all()
     assert not stored.linear[:20].any()
     assert not stored.quadratic[:20].any()
     for name in Gop.__slots__:
@@ -50,6 +50,6 @@ def test_they_stand_exactly_still_once_decoded(factor: float) -> None:
     changes = _changes(gop)
     gop = replace(gop, linear=gop.linear * 0.3)
     decoded = dequantised(with_still(gop, changes, 1.0), equal_slope_steps(changes, factor))
-    assert (decoded.alpha[:20] == 1).all()
+    assert (decoded.indicator[:20] == 1).all()
     assert not decoded.linear[:20].any()
     assert not decoded.quadratic[:20].any()

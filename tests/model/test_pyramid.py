@@ -9,7 +9,7 @@ import pytest
 
 from gsvrcodec.model.pyramid import LEVELS, by_level, level_of, level_size, zoom
 from gsvrcodec.render import render_frames
-from tests.render.scenes import random_gop
+from tests.render.examples import random_gop
 
 
 @pytest.mark.parametrize("level", range(LEVELS))
@@ -50,10 +50,10 @@ def test_order_changes_no_picture() -> None:
 
 def test_still_gaussians_come_last() -> None:
     gop = random_gop(40)
-    gop.alpha[::4] = 1
+    gop.indicator[::4] = 1
     gop.linear[::4] = gop.quadratic[::4] = 0
-    gop.alpha[1] = 1  # its polynomial moves it
+    gop.indicator[1] = 1  # its polynomial moves it
     ordered = by_level(gop)
-    still = (ordered.alpha == 1) & ~ordered.linear.any(axis=1)
+    still = (ordered.indicator == 1) & ~ordered.linear.any(axis=1)
     assert still[-10:].all()
     assert not still[:-10].any()

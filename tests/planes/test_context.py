@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
-from gsvrcodec.planes import Earlier, PlaneStack, context
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes import PlaneStack, PriorPlanes, context
+from gsvrcodec.planes.samples import PlaneShape, Samples
 from tests.planes.range_coder import Coder, Corrupt, unzigzag
 
 NOTHING = (0,) * 6
 
 
-def reference(data: bytes, shape: Shape, earlier: NDArray[np.uint16], guided_grid: bool) -> Samples:
+def reference(
+    data: bytes, shape: PlaneShape, prior: NDArray[np.uint16], guided_grid: bool
+) -> Samples:
     """A plane as the spec's pseudo-code decodes it."""
     coder = Coder(data)
     flags = coder.u8()
@@ -77,7 +79,7 @@ def reference(data: bytes, shape: Shape, earlier: NDArray[np.uint16], guided_gri
     sample = np.zeros((h, w), np.uint16)
     d: dict[tuple[int, int] | None, int] = {None: 0}
     e: dict[tuple[int, int] | None, int] = {None: 0}
-    before = earlier.astype(int).tolist()
+    before = prior.astype(int).tolist()
     for y in range(h):
         m = 0
         for x in range(w):
@@ -106,16 +108,16 @@ def reference(data: bytes, shape: Shape, earlier: NDArray[np.uint16], guided_gri
     return sample
 
 
-def stack(planes: NDArray[np.uint16], *, guided: bool) -> Earlier:
+def stack(planes: NDArray[np.uint16], *, guided: bool) -> PriorPlanes:
     """All of `planes`, shape (count, height, width), as the planes before one."""
     collected = PlaneStack(*planes.shape, guided=guided)
     for plane in planes:
         collected.append(plane)
-    return collected.earlier
+    return collected.prior
 
 
 @st.composite
-def cases(draw: st.DrawFn) -> tuple[Samples, int, Earlier, NDArray[np.uint16], bool]:
+def cases(draw: st.DrawFn) -> tuple[Samples, int, PriorPlanes, NDArray[np.uint16], bool]:
     """A plane, its bits, and planes before it."""
     bits = draw(st.integers(1, 16))
     height, width = draw(st.integers(1, 7)), draw(st.integers(1, 7))
@@ -127,51 +129,51 @@ def cases(draw: st.DrawFn) -> tuple[Samples, int, Earlier, NDArray[np.uint16], b
     return samples, bits, stack(planes, guided=guided), planes, guided
 
 
-def strips(seed: int = 0, side: int = 24) -> tuple[Earlier, Samples, Shape]:
+def strips(seed: int = 0, side: int = 24) -> tuple[PriorPlanes, Samples, PlaneShape]:
     """Positions in strips, and a third plane that is smooth in the picture."""
     draw = np.random.default_rng(seed)
     x = np.sort(draw.integers(0, 8192, (side, side)), axis=1).astype(np.uint16)
     y = draw.integers(0, 8192 // side, (side, side)) + 8192 // side * np.arange(side)[:, None]
     smooth = 512 + 300 * np.sin(x / 2000) * np.cos(y / 1500) + draw.normal(0, 4, x.shape)
     planes = np.stack([x, y]).astype(np.uint16)
-    return stack(planes, guided=True), smooth.astype(np.uint16), Shape(side, side, 10)
+    return stack(planes, guided=True), smooth.astype(np.uint16), PlaneShape(side, side, 10)
 
 
 class TestAgainstTheSpec:
     @settings(max_examples=60, deadline=None)
     @given(case=cases())
     def test_what_the_encoder_writes(
-        self, case: tuple[Samples, int, Earlier, NDArray[np.uint16], bool]
+        self, case: tuple[Samples, int, PriorPlanes, NDArray[np.uint16], bool]
     ) -> None:
-        samples, bits, earlier, planes, guided = case
-        shape = Shape(samples.shape[1], samples.shape[0], bits)
-        data = context.encode(samples, shape, earlier)
-        np.testing.assert_array_equal(context.decode(data, shape, earlier), samples)
+        samples, bits, prior, planes, guided = case
+        shape = PlaneShape(samples.shape[1], samples.shape[0], bits)
+        data = context.encode(samples, shape, prior)
+        np.testing.assert_array_equal(context.decode(data, shape, prior), samples)
         np.testing.assert_array_equal(reference(data, shape, planes, guided), samples)
 
     @settings(max_examples=60, deadline=None)
     @given(case=cases(), data=st.data())
     def test_any_weights_and_contexts(
         self,
-        case: tuple[Samples, int, Earlier, NDArray[np.uint16], bool],
+        case: tuple[Samples, int, PriorPlanes, NDArray[np.uint16], bool],
         data: st.DataObject,
     ) -> None:
-        samples, bits, earlier, planes, guided = case
-        shape = Shape(samples.shape[1], samples.shape[0], bits)
+        samples, bits, prior, planes, guided = case
+        shape = PlaneShape(samples.shape[1], samples.shape[0], bits)
         weight = st.integers(-1365, 1365).filter(bool)
         terms = [(k, data.draw(weight)) for k in range(len(planes)) if data.draw(st.booleans())]
         bias = data.draw(st.integers(-(2**29) + 1, 2**29 - 1))
         weights = data.draw(st.tuples(*[st.integers(-128, 127)] * 6))
-        follows = earlier.columns is not None and data.draw(st.booleans())
+        follows = prior.columns is not None and data.draw(st.booleans())
         predictor = _entropy.Predictor(terms, bias, follows, weights)
         top = data.draw(st.integers(0, 2))
         direct = data.draw(st.integers(top + 1, 7))
         thresholds = data.draw(st.sets(st.integers(1, 2**20), max_size=7))
         coding = _entropy.Coding(direct, top, sorted(thresholds))
         stream = _entropy.encode_context(
-            samples, bits, earlier.planes, earlier.columns, predictor, coding
+            samples, bits, prior.planes, prior.columns, predictor, coding
         )
-        np.testing.assert_array_equal(context.decode(stream, shape, earlier), samples)
+        np.testing.assert_array_equal(context.decode(stream, shape, prior), samples)
         np.testing.assert_array_equal(reference(stream, shape, planes, guided), samples)
 
     @settings(max_examples=150, deadline=None)
@@ -180,11 +182,11 @@ class TestAgainstTheSpec:
         stream = bytearray(_STREAM)
         stream[at % len(stream)] = value
         try:
-            expected: Samples | None = reference(bytes(stream), _SHAPE, _EARLIER.planes, True)
+            expected: Samples | None = reference(bytes(stream), _SHAPE, _PRIOR.planes, True)
         except (Corrupt, AssertionError, IndexError):
             expected = None
         try:
-            found: Samples | None = context.decode(bytes(stream), _SHAPE, _EARLIER)
+            found: Samples | None = context.decode(bytes(stream), _SHAPE, _PRIOR)
         except CorruptError:
             found = None
         # The reference trusts heads, so it may take more; what both take must be one plane.
@@ -196,14 +198,14 @@ class TestAgainstTheSpec:
 class TestGolden:
     def test_bytes_of_a_small_plane(self) -> None:
         samples = np.array([[3, 4, 4], [3, 5, 9]], np.uint16)
-        earlier = Earlier(np.array([[[1, 2, 3], [2, 2, 4]]], np.uint16))
+        prior = PriorPlanes(np.array([[[1, 2, 3], [2, 2, 4]]], np.uint16))
         predictor = _entropy.Predictor([(0, 256)], -100, False, (32, 0, 16, 0, 0, 0))
         coding = _entropy.Coding(3, 1, [4])
-        data = _entropy.encode_context(samples, 4, earlier.planes, None, predictor, coding)
+        data = _entropy.encode_context(samples, 4, prior.planes, None, predictor, coding)
         assert data.hex(" ", 4) == (
             "21008004 c7012000 10000000 1301045d a8150300 1dfeffff ffffdf80 ffffffff ffff0004"
         )
-        np.testing.assert_array_equal(context.decode(data, Shape(3, 2, 4), earlier), samples)
+        np.testing.assert_array_equal(context.decode(data, PlaneShape(3, 2, 4), prior), samples)
 
 
 class TestDecode:
@@ -236,7 +238,7 @@ class TestDecode:
     )
     def test_a_bad_head_fails(self, head: str, says: str) -> None:
         with pytest.raises(CorruptError, match=says):
-            context.decode(bytes.fromhex(head), Shape(1, 1, 8), Earlier.none(1, 1))
+            context.decode(bytes.fromhex(head), PlaneShape(1, 1, 8), PriorPlanes.none(1, 1))
 
     @pytest.mark.parametrize(
         ("head", "says"),
@@ -252,9 +254,9 @@ class TestDecode:
         ],
     )
     def test_a_bad_term_fails(self, head: str, says: str) -> None:
-        earlier = Earlier(np.zeros((2, 1, 1), np.uint16))
+        prior = PriorPlanes(np.zeros((2, 1, 1), np.uint16))
         with pytest.raises(CorruptError, match=says):
-            context.decode(bytes.fromhex(head), Shape(1, 1, 8), earlier)
+            context.decode(bytes.fromhex(head), PlaneShape(1, 1, 8), prior)
 
     def test_another_plane_before_it_is_noticed_or_harmless(self) -> None:
         other = stack(np.zeros((2, 24, 24), np.uint16), guided=True)
@@ -265,28 +267,28 @@ class TestDecode:
         assert found.max() < 1 << _SHAPE.bits
 
     def test_a_plane_of_many_samples_in_few_bytes_stays_within_its_size(self) -> None:
-        shape = Shape(2000, 1000, 8)
-        earlier = Earlier.none(1000, 2000)
+        shape = PlaneShape(2000, 1000, 8)
+        prior = PriorPlanes.none(1000, 2000)
         coding = _entropy.Coding(4, 2, [])
         zeros = np.zeros((1000, 2000), np.uint16)
         predictor = _entropy.Predictor([], 0, False, NOTHING)
-        data = _entropy.encode_context(zeros, 8, earlier.planes, None, predictor, coding)
+        data = _entropy.encode_context(zeros, 8, prior.planes, None, predictor, coding)
         assert len(data) < 20
-        np.testing.assert_array_equal(context.decode(data, shape, earlier), zeros)
+        np.testing.assert_array_equal(context.decode(data, shape, prior), zeros)
 
 
 class TestEncode:
     def test_uses_what_is_known(self) -> None:
-        earlier, smooth, shape = strips(side=64)
-        guided = len(context.encode(smooth, shape, earlier))
-        alone = len(context.encode(smooth, shape, Earlier.none(64, 64)))
-        unguided = len(context.encode(smooth, shape, Earlier(earlier.planes)))
+        prior, smooth, shape = strips(side=64)
+        guided = len(context.encode(smooth, shape, prior))
+        alone = len(context.encode(smooth, shape, PriorPlanes.none(64, 64)))
+        unguided = len(context.encode(smooth, shape, PriorPlanes(prior.planes)))
         assert guided < 0.97 * min(alone, unguided)
 
-    def test_a_copy_of_an_earlier_plane_costs_next_to_nothing(self) -> None:
+    def test_a_copy_of_a_prior_plane_costs_next_to_nothing(self) -> None:
         samples = np.random.default_rng(0).integers(0, 1024, (60, 60)).astype(np.uint16)
-        earlier = Earlier(np.stack([samples // 3, samples]).astype(np.uint16))
-        assert len(context.encode(samples, Shape(60, 60, 10), earlier)) < 100
+        prior = PriorPlanes(np.stack([samples // 3, samples]).astype(np.uint16))
+        assert len(context.encode(samples, PlaneShape(60, 60, 10), prior)) < 100
 
     @pytest.mark.parametrize(
         ("predictor", "coding"),
@@ -322,7 +324,7 @@ class TestEncode:
 
     @pytest.mark.parametrize("shape", [(1, 3, 5), (1, 4, 4), (300, 3, 4)])
     def test_planes_of_another_size_fail(self, shape: tuple[int, int, int]) -> None:
-        with pytest.raises(ValueError, match="earlier planes must"):
+        with pytest.raises(ValueError, match="prior planes must"):
             _entropy.decode_context(
                 b"", 8, np.zeros(shape, np.uint16), None, np.empty((3, 4), np.uint16)
             )
@@ -335,5 +337,5 @@ class TestEncode:
             )
 
 
-_EARLIER, _SMOOTH, _SHAPE = strips()
-_STREAM = context.encode(_SMOOTH, _SHAPE, _EARLIER)
+_PRIOR, _SMOOTH, _SHAPE = strips()
+_STREAM = context.encode(_SMOOTH, _SHAPE, _PRIOR)

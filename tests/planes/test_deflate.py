@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes import deflate
-from gsvrcodec.planes.samples import Shape
+from gsvrcodec.planes.samples import PlaneShape
 
 
 def raw_deflate(data: bytes) -> bytes:
@@ -30,7 +30,7 @@ class TestDecode:
         stream = bytes(v & 255 for v in flat)
         if bits > 8:
             stream += bytes(v >> 8 for v in flat)
-        found = deflate.decode(b"\1" + raw_deflate(stream), Shape(width, height, bits))
+        found = deflate.decode(b"\1" + raw_deflate(stream), PlaneShape(width, height, bits))
 
         sample = [[0] * width for _ in range(height)]
         for y in range(height):
@@ -42,27 +42,27 @@ class TestDecode:
         assert found.tolist() == sample
 
     def test_predictor_0_is_plain_samples(self) -> None:
-        found = deflate.decode(b"\0" + raw_deflate(b"\1\2\3\4\0\1\0\2"), Shape(2, 2, 10))
+        found = deflate.decode(b"\0" + raw_deflate(b"\1\2\3\4\0\1\0\2"), PlaneShape(2, 2, 10))
         assert found.tolist() == [[1, 258], [3, 516]]
 
     @pytest.mark.parametrize("predictor", [2, 255])
     def test_an_unknown_predictor_fails(self, predictor: int) -> None:
         with pytest.raises(CorruptError, match=f"unknown predictor {predictor}"):
-            deflate.decode(bytes([predictor]) + raw_deflate(b"\0"), Shape(1, 1, 8))
+            deflate.decode(bytes([predictor]) + raw_deflate(b"\0"), PlaneShape(1, 1, 8))
 
     def test_a_stream_that_goes_on_stops_at_the_bound(self) -> None:
         bomb = b"\0" + raw_deflate(bytes(50_000_000))
         with pytest.raises(CorruptError, match="does not hold 16 bytes"):
-            deflate.decode(bomb, Shape(4, 4, 8))
+            deflate.decode(bomb, PlaneShape(4, 4, 8))
 
     def test_a_value_over_the_bits_fails_before_it_is_summed(self) -> None:
         with pytest.raises(CorruptError, match="sample 16 in a plane of 4 bits"):
-            deflate.decode(b"\1" + raw_deflate(b"\x10"), Shape(1, 1, 4))
+            deflate.decode(b"\1" + raw_deflate(b"\x10"), PlaneShape(1, 1, 4))
 
 
 class TestEncode:
     def test_steep_ramps_wrap_around(self) -> None:
-        shape = Shape(100, 100, 13)
+        shape = PlaneShape(100, 100, 13)
         samples = (8191 * np.arange(10000).reshape(100, 100) % 8192).astype(np.uint16)
         data = deflate.encode(samples, shape)
         assert len(data) < 100

@@ -11,10 +11,10 @@ import pytest
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes import PACKS, Codec, encode_plane, jxl
 from gsvrcodec.planes.jxl_header import check_codestream
-from gsvrcodec.planes.samples import Shape
+from gsvrcodec.planes.samples import PlaneShape
 
 GREY = np.random.default_rng(0).integers(0, 255, (40, 50)).astype(np.uint8)
-SHAPE = Shape(50, 40, 8)
+SHAPE = PlaneShape(50, 40, 8)
 
 
 def encoded(pixels: Any, **options: Any) -> bytes:
@@ -39,9 +39,9 @@ class TestDecode:
     )
     def test_every_way_to_write_a_size_is_read(self, size: tuple[int, int]) -> None:
         pixels = np.arange(size[0] * size[1], dtype=np.uint8).reshape(size)
-        check_codestream(encoded(pixels), Shape(size[1], size[0], 8))
+        check_codestream(encoded(pixels), PlaneShape(size[1], size[0], 8))
         with pytest.raises(CorruptError, match="JPEG XL image of"):
-            check_codestream(encoded(pixels), Shape(size[1] + 1, size[0], 8))
+            check_codestream(encoded(pixels), PlaneShape(size[1] + 1, size[0], 8))
 
     @pytest.mark.parametrize(
         ("data", "says"),
@@ -70,7 +70,7 @@ class TestDecode:
     def test_many_groups_are_read(self, effort: int, size: tuple[int, int]) -> None:
         pixels = np.add.outer(np.arange(size[0]), 3 * np.arange(size[1])).astype(np.uint8)
         pixels[::7, ::11] = 0
-        found = jxl.decode(encoded(pixels, effort=effort), Shape(size[1], size[0], 8))
+        found = jxl.decode(encoded(pixels, effort=effort), PlaneShape(size[1], size[0], 8))
         np.testing.assert_array_equal(found, pixels)
 
     @pytest.mark.parametrize("size", [(40, 50), (300, 300)])
@@ -78,7 +78,7 @@ class TestDecode:
     def test_trailing_bytes_fail(self, size: tuple[int, int], tail: bytes) -> None:
         pixels = np.random.default_rng(1).integers(0, 255, size).astype(np.uint8)
         with pytest.raises(CorruptError, match="codestream of"):
-            jxl.decode(encoded(pixels) + tail, Shape(size[1], size[0], 8))
+            jxl.decode(encoded(pixels) + tail, PlaneShape(size[1], size[0], 8))
 
     def test_every_flipped_bit_of_the_head_is_refused_or_harmless(self) -> None:
         data = encoded(GREY)
@@ -96,12 +96,12 @@ class TestEncode:
     def test_what_the_library_makes_otherwise_is_not_used(self) -> None:
         # Over 2048 samples in a row or column the library permutes the sections.
         samples = np.arange(2049, dtype=np.uint16)[None] % 256
-        assert jxl.encode(samples, Shape(2049, 1, 8)) is None
+        assert jxl.encode(samples, PlaneShape(2049, 1, 8)) is None
         assert encode_plane(samples, 8, PACKS["jxl"])[0] is Codec.DEFLATE
 
     @pytest.mark.parametrize("bits", [8, 12, 13, 16])
     def test_writes_bare_codestreams(self, bits: int) -> None:
-        shape = Shape(50, 40, bits)
+        shape = PlaneShape(50, 40, bits)
         samples = (GREY.astype(np.uint16) << (bits - 8)).astype(np.uint16)
         data = jxl.encode(samples, shape)
         assert data is not None

@@ -11,9 +11,9 @@ import pytest
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes import png
-from gsvrcodec.planes.samples import Shape
+from gsvrcodec.planes.samples import PlaneShape
 
-SHAPE = Shape(4, 3, 8)
+SHAPE = PlaneShape(4, 3, 8)
 PIXELS = np.arange(12, dtype=np.uint8).reshape(3, 4)
 ROWS = b"".join(b"\0" + row.tobytes() for row in PIXELS)
 

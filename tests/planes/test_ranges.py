@@ -10,11 +10,11 @@ from hypothesis.extra.numpy import arrays
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes import ranges
-from gsvrcodec.planes.samples import Samples, Shape
+from gsvrcodec.planes.samples import PlaneShape, Samples
 from tests.planes.range_coder import Coder, Corrupt, unzigzag
 
 
-def reference(data: bytes, shape: Shape) -> Samples:
+def reference(data: bytes, shape: PlaneShape) -> Samples:
     """A plane as the spec's pseudo-code decodes it."""
     coder = Coder(data)
     lowest: list[int] = []
@@ -45,20 +45,20 @@ class TestAgainstTheSpec:
         size = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
         cell = st.integers(0, 2**bits - 1)
         samples = data.draw(arrays(np.uint16, size, elements=cell))
-        shape = Shape(size[1], size[0], bits)
+        shape = PlaneShape(size[1], size[0], bits)
         stream = ranges.encode(samples, shape)
         np.testing.assert_array_equal(ranges.decode(stream, shape), samples)
         np.testing.assert_array_equal(reference(stream, shape), samples)
 
     def test_all_values_of_all_bits(self) -> None:
         samples = np.arange(65536).astype(np.uint16).reshape(256, 256).T.copy()
-        shape = Shape(256, 256, 16)
+        shape = PlaneShape(256, 256, 16)
         stream = ranges.encode(samples, shape)
         np.testing.assert_array_equal(ranges.decode(stream, shape), samples)
 
     def test_bytes_of_a_small_plane(self) -> None:
         samples = np.array([[3, 5, 4], [6, 6, 6]], np.uint16)
-        assert ranges.encode(samples, Shape(3, 2, 4)).hex() == "0602020046551f00"
+        assert ranges.encode(samples, PlaneShape(3, 2, 4)).hex() == "0602020046551f00"
 
 
 class TestDecode:
@@ -77,7 +77,7 @@ class TestDecode:
     )
     def test_bad_data_fails(self, data: str, says: str) -> None:
         with pytest.raises(CorruptError, match=says):
-            ranges.decode(bytes.fromhex(data), Shape(1, 1, 4))
+            ranges.decode(bytes.fromhex(data), PlaneShape(1, 1, 4))
 
 
 class TestEncode:
@@ -86,5 +86,5 @@ class TestEncode:
         samples = (draw.integers(0, 41, (198, 198)) + 41 * np.arange(198)[:, None]).astype(
             np.uint16
         )
-        size = len(ranges.encode(samples, Shape(198, 198, 13)))
+        size = len(ranges.encode(samples, PlaneShape(198, 198, 13)))
         assert size < samples.size * np.log2(41) / 8 + 2 * 198 + 20

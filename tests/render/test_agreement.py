@@ -8,39 +8,41 @@ import pytest
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.native import parameters
-from tests.render import scenes
-from tests.render.scenes import SCENES, TAU, Scene
+from tests.render import examples
+from tests.render.examples import EXAMPLES, TAU, Example
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_value_and_gradients(name: str, isa: str) -> None:
-    scene = SCENES[name]
-    width, height = scene.size
+    example = EXAMPLES[name]
+    width, height = example.size
     weights = np.random.default_rng(1).normal(size=(height, width, 3)).astype(np.float32)
-    expected, gradients = scenes.reference_render(scene, weights)
-    actual = scenes.native_float(scene, np.array([TAU], np.float32))[0]
+    expected, gradients = examples.reference_render(example, weights)
+    actual = examples.native_float(example, np.array([TAU], np.float32))[0]
     assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
-    scenes.assert_gradients_close(scenes.native_gradients(scene, weights), gradients)
+    examples.assert_gradients_close(examples.native_gradients(example, weights), gradients)
 
 
 @pytest.mark.parametrize("tau", [-1.0, -0.999, 0.0, 1 / 3, 1.0])
 def test_times(tau: float, isa: str) -> None:
-    scene = SCENES["mixed"]
+    example = EXAMPLES["mixed"]
     weights = np.random.default_rng(1).normal(size=(45, 67, 3)).astype(np.float32)
     tau = float(np.float32(tau))
-    expected, gradients = scenes.reference_render(scene, weights, tau)
-    actual = scenes.native_float(scene, np.array([tau], np.float32))[0]
+    expected, gradients = examples.reference_render(example, weights, tau)
+    actual = examples.native_float(example, np.array([tau], np.float32))[0]
     assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
-    scenes.assert_gradients_close(scenes.native_gradients(scene, weights, tau), gradients)
+    examples.assert_gradients_close(examples.native_gradients(example, weights, tau), gradients)
 
 
 @pytest.mark.parametrize("name", ["mixed", "larger", "1x1", "none", "thin", "wide"])
 def test_codes(name: str, isa: str) -> None:
-    scene = SCENES[name]
+    example = EXAMPLES[name]
     taus = np.array([-0.7, 0.4], np.float32)
-    scene.gop.colour[:] = np.abs(scene.gop.colour) * 0.5
-    expected = render_frames(scene.gop, taus, scene.size, scene.coded_size, backend="reference")
-    actual = render_frames(scene.gop, taus, scene.size, scene.coded_size)
+    example.gop.colour[:] = np.abs(example.gop.colour) * 0.5
+    expected = render_frames(
+        example.gop, taus, example.size, example.coded_size, backend="reference"
+    )
+    actual = render_frames(example.gop, taus, example.size, example.coded_size)
     difference = np.abs(actual.astype(int) - expected)
     assert difference.max() <= 1
     assert (difference > 0).mean() <= 1e-3
@@ -49,36 +51,38 @@ def test_codes(name: str, isa: str) -> None:
 @pytest.mark.parametrize("backdrop", [False, True])
 @pytest.mark.parametrize("name", ["mixed", "smaller", "larger", "1x1", "low", "no tri-plane"])
 def test_squared_error(name: str, isa: str, backdrop: bool) -> None:
-    scene = SCENES[name]
-    width, height = scene.size
+    example = EXAMPLES[name]
+    width, height = example.size
     rng = np.random.default_rng(2)
     target = rng.integers(0, 256, (height, width, 3), np.uint8)
     behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
-    frame, _ = scenes.reference_render(scene)
+    frame, _ = examples.reference_render(example)
     residual = (frame + behind).clip(0, 1) - target / 255.0
     # The gradient passes through the clamp: a sample out of range is drawn back.
-    _, gradients = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
-    gradient = scenes.empty_gradient(scene.gop)
+    _, gradients = examples.reference_render(
+        example, (2 / residual.size * residual).astype(np.float32)
+    )
+    gradient = examples.empty_gradient(example.gop)
     loss = _core.squared_error(
-        parameters(scene.gop),
+        parameters(example.gop),
         TAU,
         target,
-        *scene.coded_size,
+        *example.coded_size,
         parameters(gradient),
         2,
         behind if backdrop else None,
     )
     assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
-    scenes.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)
+    examples.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)
 
 
 def test_long_recurrence(isa: str) -> None:
     """Many rows of one flat Gaussian: the recurrence's rounding stays small."""
-    gop = scenes.random_gop(3, grid=(0, 0, 0))
+    gop = examples.random_gop(3, grid=(0, 0, 0))
     gop.position[:] = 0
     gop.log_scale[:] = np.log(2000.0)
     gop.colour[:] = 0.3
-    scene = Scene(gop, (9, 1500), (9, 1500))
-    expected, _ = scenes.reference_render(scene)
-    actual = scenes.native_float(scene, np.array([TAU], np.float32))[0]
+    example = Example(gop, (9, 1500), (9, 1500))
+    expected, _ = examples.reference_render(example)
+    actual = examples.native_float(example, np.array([TAU], np.float32))[0]
     assert np.abs(actual - expected).max() <= 1e-4

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from gsvrcodec.render import render_frames
-from tests.render import scenes
-from tests.render.scenes import Scene
+from tests.render import examples
+from tests.render.examples import Example
 
 TAUS = np.linspace(-1, 1, 7, dtype=np.float32)
-SCENE = Scene(scenes.random_gop(2500), (150, 200), (150, 200))
+EXAMPLES = Example(examples.random_gop(2500), (150, 200), (150, 200))
 
 
 def _weights() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -22,11 +22,11 @@ def _weights() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
 
 @pytest.mark.parametrize("threads", [2, 3, 16])
 def test_threads(threads: int, isa: str) -> None:
-    one = scenes.native_float(SCENE, TAUS, threads=1)
-    np.testing.assert_array_equal(scenes.native_float(SCENE, TAUS, threads), one)
+    one = examples.native_float(EXAMPLES, TAUS, threads=1)
+    np.testing.assert_array_equal(examples.native_float(EXAMPLES, TAUS, threads), one)
     weights = _weights()
-    gradients = scenes.native_gradients(SCENE, weights, threads=threads)
-    for name, wanted in scenes.native_gradients(SCENE, weights, threads=1).items():
+    gradients = examples.native_gradients(EXAMPLES, weights, threads=threads)
+    for name, wanted in examples.native_gradients(EXAMPLES, weights, threads=1).items():
         np.testing.assert_array_equal(gradients[name], wanted)
 
 
@@ -34,23 +34,23 @@ def test_threads(threads: int, isa: str) -> None:
 @pytest.mark.parametrize("standing", [0, 0.1, 0.5, 0.98, 1])
 def test_batch(standing: float, threads: int, isa: str) -> None:
     """Frames together, whose still Gaussians are drawn once, and each alone."""
-    gop = scenes.still(scenes.random_gop(2500), slice(round(2500 * standing)))
-    batch = scenes.native_float(replace(SCENE, gop=gop), TAUS, threads)
+    gop = examples.still(examples.random_gop(2500), slice(round(2500 * standing)))
+    batch = examples.native_float(replace(EXAMPLES, gop=gop), TAUS, threads)
     for tau, frame in zip(TAUS, batch, strict=True):
-        alone = scenes.native_float(replace(SCENE, gop=gop), np.array([tau]), threads)
+        alone = examples.native_float(replace(EXAMPLES, gop=gop), np.array([tau]), threads)
         np.testing.assert_array_equal(alone[0], frame)
 
 
 def test_python_threads() -> None:
-    expected = render_frames(SCENE.gop, TAUS, SCENE.size, SCENE.size, threads=1)
+    expected = render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size, threads=1)
     weights = _weights()
-    gradient = scenes.native_gradients(SCENE, weights)["position"]
+    gradient = examples.native_gradients(EXAMPLES, weights)["position"]
 
     def work(index: int) -> bool:
         if index % 3 == 0:
-            actual = scenes.native_gradients(SCENE, weights, threads=2)["position"]
+            actual = examples.native_gradients(EXAMPLES, weights, threads=2)["position"]
             return np.array_equal(actual, gradient)
-        frames = render_frames(SCENE.gop, TAUS, SCENE.size, SCENE.size, threads=index % 4)
+        frames = render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size, threads=index % 4)
         return np.array_equal(frames, expected)
 
     with ThreadPoolExecutor(6) as pool:
@@ -59,15 +59,15 @@ def test_python_threads() -> None:
 
 def test_out_is_filled_and_returned() -> None:
     out = np.full((len(TAUS), 200, 150, 3), 77, np.uint8)
-    assert render_frames(SCENE.gop, TAUS, SCENE.size, SCENE.size, out=out) is out
-    expected = render_frames(SCENE.gop, TAUS, SCENE.size, SCENE.size)
+    assert render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size, out=out) is out
+    expected = render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size)
     np.testing.assert_array_equal(out, expected)
 
 
 def test_scratch_of_another_size_leaves_no_trace(isa: str) -> None:
     """A smaller frame after a larger one, in the memory that the larger one left."""
-    small = scenes.SCENES["1x1"]
-    before = scenes.native_float(small, TAUS)
-    scenes.native_float(SCENE, TAUS)
-    scenes.native_gradients(SCENE, _weights())
-    np.testing.assert_array_equal(scenes.native_float(small, TAUS), before)
+    small = examples.EXAMPLES["1x1"]
+    before = examples.native_float(small, TAUS)
+    examples.native_float(EXAMPLES, TAUS)
+    examples.native_gradients(EXAMPLES, _weights())
+    np.testing.assert_array_equal(examples.native_float(small, TAUS), before)

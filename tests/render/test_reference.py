@@ -10,13 +10,13 @@ import torch
 
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render import reference, render_frames
-from tests.render import scenes
+from tests.render import examples
 
 SIZE = (12, 9)
 
 
 def test_one_gaussian_by_hand() -> None:
-    gop = scenes.random_gop(1, grid=(0, 0, 0))
+    gop = examples.random_gop(1, grid=(0, 0, 0))
     gop.position[:] = 0.25, -0.5  # x = 1.25/2*12 = 7.5, y = 0.5/2*9 = 2.25
     gop.log_scale[:] = math.log(0.8), math.log(3.0)
     gop.rotation[:] = math.pi / 2  # the first axis lies along y
@@ -35,7 +35,7 @@ def test_one_gaussian_by_hand() -> None:
 
 
 def test_a_level_by_hand() -> None:
-    gop = scenes.random_gop(1, grid=(0, 0, 0))
+    gop = examples.random_gop(1, grid=(0, 0, 0))
     gop.position[:] = 0.25, -0.5  # x = 7.5, y = 2.25 px: 3.75, 1.125 on level 1
     gop.log_scale[:] = math.log(2.0), math.log(3.0)
     gop.rotation[:] = gop.linear[:] = gop.quadratic[:] = 0
@@ -60,7 +60,7 @@ def test_a_level_by_hand() -> None:
 
 
 def test_cut_off_is_continuous() -> None:
-    gop = scenes.random_gop(1, grid=(0, 0, 0))
+    gop = examples.random_gop(1, grid=(0, 0, 0))
     gop.position[:] = 0
     gop.log_scale[:] = math.log(1.4)
     gop.linear[:] = gop.quadratic[:] = 0
@@ -75,7 +75,7 @@ def test_cut_off_is_continuous() -> None:
 
 @pytest.mark.parametrize("name", Gop.__slots__)
 def test_gradient_by_differences(name: str) -> None:
-    gop = scenes.random_gop(6, grid=(3, 2, 2), seed=3)
+    gop = examples.random_gop(6, grid=(3, 2, 2), seed=3)
     gop.position[:] *= 0.8
     tensors = {n: torch.tensor(getattr(gop, n), dtype=torch.float64) for n in Gop.__slots__}
     weights = torch.from_numpy(np.random.default_rng(4).normal(size=(9, 12, 3)))
@@ -97,7 +97,7 @@ def test_gradient_by_differences(name: str) -> None:
 def test_unknown_backend_fails() -> None:
     with pytest.raises(ValueError, match="'native' or 'reference'"):
         render_frames(
-            scenes.random_gop(1),
+            examples.random_gop(1),
             np.zeros(1, np.float32),
             SIZE,
             SIZE,

@@ -10,15 +10,15 @@ from gsvrcodec.model.gop import Gop
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.native import parameters
-from tests.render import scenes
-from tests.render.scenes import SIZE, TAU, Scene
+from tests.render import examples
+from tests.render.examples import SIZE, TAU, Example
 
 PER_GAUSSIAN = (
     "position",
     "log_scale",
     "rotation",
     "colour",
-    "alpha",
+    "indicator",
     "linear",
     "quadratic",
 )
@@ -44,13 +44,13 @@ def _without(gop: Gop, index: int) -> Gop:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", PER_GAUSSIAN)
 def test_not_finite_is_not_drawn(name: str, value: float, isa: str) -> None:
-    base = scenes.random_gop(20)
+    base = examples.random_gop(20)
     gop = _copy(base)
     getattr(gop, name)[7] = value
-    expected = scenes.native_float(Scene(_without(base, 7)), TAUS)
-    np.testing.assert_allclose(scenes.native_float(Scene(gop), TAUS), expected, atol=1e-5)
+    expected = examples.native_float(Example(_without(base, 7)), TAUS)
+    np.testing.assert_allclose(examples.native_float(Example(gop), TAUS), expected, atol=1e-5)
     weights = np.ones((SIZE[1], SIZE[0], 3), np.float32)
-    gradients = scenes.native_gradients(Scene(gop), weights)
+    gradients = examples.native_gradients(Example(gop), weights)
     for parameter, gradient in gradients.items():
         assert np.isfinite(gradient).all(), parameter
         if parameter in PER_GAUSSIAN:
@@ -61,9 +61,9 @@ def test_not_finite_is_not_drawn(name: str, value: float, isa: str) -> None:
 @pytest.mark.parametrize("name", GRIDS)
 def test_broken_grid(name: str, value: float, isa: str) -> None:
     """Every Gaussian that reads a broken cell goes; nothing else happens."""
-    gop = _copy(scenes.random_gop(20))
+    gop = _copy(examples.random_gop(20))
     getattr(gop, name)[:] = value
-    frame = scenes.native_float(Scene(gop), TAUS)
+    frame = examples.native_float(Example(gop), TAUS)
     assert not np.isnan(frame).any()
     render_frames(gop, TAUS, SIZE, SIZE)
 
@@ -72,31 +72,31 @@ def test_broken_grid(name: str, value: float, isa: str) -> None:
 @pytest.mark.parametrize("name", PER_GAUSSIAN)
 def test_huge(name: str, value: float, isa: str) -> None:
     for size, coded in ((SIZE, SIZE), ((1, 40), (65536, 1)), ((40, 1), (1, 65536))):
-        gop = _copy(scenes.random_gop(40))
+        gop = _copy(examples.random_gop(40))
         getattr(gop, name)[::2] = value
-        scene = Scene(gop, size, coded)
-        frame = scenes.native_float(scene, TAUS)
+        example = Example(gop, size, coded)
+        frame = examples.native_float(example, TAUS)
         assert frame.shape[1:3] == size[::-1]
-        scenes.native_gradients(scene, np.ones((size[1], size[0], 3), np.float32))
+        examples.native_gradients(example, np.ones((size[1], size[0], 3), np.float32))
         render_frames(gop, TAUS, size, coded)
 
 
 def test_random_bits(isa: str) -> None:
     """Any 32 bits as any parameter."""
     r = np.random.default_rng(5)
-    gop = scenes.random_gop(500)
+    gop = examples.random_gop(500)
     for name in Gop.__slots__:
         array = getattr(gop, name)
         array[:] = r.integers(0, 2**32, array.shape, np.uint64).astype(np.uint32).view(np.float32)
     for size in (SIZE, (1, 1), (300, 3)):
-        scene = Scene(gop, size)
-        scenes.native_float(scene, TAUS)
-        scenes.native_gradients(scene, np.ones((size[1], size[0], 3), np.float32))
+        example = Example(gop, size)
+        examples.native_float(example, TAUS)
+        examples.native_gradients(example, np.ones((size[1], size[0], 3), np.float32))
     render_frames(gop, np.array([np.nan, np.inf, -np.inf, 1e38], np.float32), SIZE, SIZE)
 
 
 def test_wrong_shapes_fail() -> None:
-    gop = scenes.random_gop(20)
+    gop = examples.random_gop(20)
     broken = {
         "position": np.zeros((20, 3), np.float32),
         "log_scale": np.zeros((19, 2), np.float32),
@@ -112,7 +112,7 @@ def test_wrong_shapes_fail() -> None:
 
 
 def test_wrong_sizes_fail() -> None:
-    gop = parameters(scenes.random_gop(2))
+    gop = parameters(examples.random_gop(2))
     out = np.zeros((1, 0, 4, 3), np.uint8)
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         _core.render_rgb8(gop, TAUS, out, 4, 4, 1)
@@ -120,14 +120,14 @@ def test_wrong_sizes_fail() -> None:
         _core.render_rgb8(gop, TAUS, np.zeros((2, 4, 4, 3), np.uint8), 4, 4, 1)
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         _core.render_rgb8(gop, TAUS, np.zeros((1, 4, 4, 3), np.uint8), 0, 4, 1)
-    other = parameters(scenes.random_gop(3))
+    other = parameters(examples.random_gop(3))
     with pytest.raises(ValueError, match="gradient"):
         _core.backward_float(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, other, 1)
 
 
 def test_other_dtype_fails() -> None:
     """A converted copy would lose what is written to it."""
-    gop = scenes.random_gop(2)
+    gop = examples.random_gop(2)
     arrays = {n: getattr(gop, n) for n in Gop.__slots__}
     with pytest.raises(TypeError):
         _core.Parameters(**arrays | {"log_scale": gop.log_scale.astype(np.float64)})
@@ -144,4 +144,4 @@ def test_other_dtype_fails() -> None:
 )
 def test_wrong_out_fails(out: NDArray[np.uint8]) -> None:
     with pytest.raises(ValueError, match="out must be"):
-        render_frames(scenes.random_gop(2), TAUS, (4, 4), (4, 4), out=out)
+        render_frames(examples.random_gop(2), TAUS, (4, 4), (4, 4), out=out)

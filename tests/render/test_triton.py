@@ -27,8 +27,8 @@ from gsvrcodec.native import _core
 from gsvrcodec.render import triton as gpu
 from gsvrcodec.render.triton import launch
 from gsvrcodec.render.triton.launch import Pass
-from tests.render import scenes
-from tests.render.scenes import TAU, Gradients, Scene
+from tests.render import examples
+from tests.render.examples import TAU, Example, Gradients
 
 #: Not "cpu", which would be the native backend.
 PLACE = "cuda:0" if torch.cuda.is_available() else "cpu:0"
@@ -39,68 +39,68 @@ TAUS = np.array([TAU], np.float32)
 
 def _large(n: int, log_sigma: float) -> Gop:
     """Gaussians of all levels of the pyramid."""
-    gop = scenes.random_gop(n, grid=(3, 2, 4), seed=9)
+    gop = examples.random_gop(n, grid=(3, 2, 4), seed=9)
     gop.log_scale[:] += log_sigma
     return gop
 
 
-SCENES = {
-    "all levels": Scene(_large(24, 2.2), SIZE, SIZE),
-    "no tri-plane": Scene(scenes.random_gop(12, grid=(0, 0, 0)), (33, 17), (33, 17)),
-    "one cell": Scene(scenes.random_gop(9, grid=(1, 1, 1)), (17, 33), (17, 33)),
-    "smaller": Scene(_large(16, 1.5), (31, 14), SIZE),
-    "larger": Scene(_large(8, 0.5), (35, 30), (14, 12)),
-    "1x1": Scene(_large(5, 1.0), (1, 1), (1, 1)),
-    "none": Scene(scenes.random_gop(0), (5, 3), (5, 3)),
+EXAMPLES = {
+    "all levels": Example(_large(24, 2.2), SIZE, SIZE),
+    "no tri-plane": Example(examples.random_gop(12, grid=(0, 0, 0)), (33, 17), (33, 17)),
+    "one cell": Example(examples.random_gop(9, grid=(1, 1, 1)), (17, 33), (17, 33)),
+    "smaller": Example(_large(16, 1.5), (31, 14), SIZE),
+    "larger": Example(_large(8, 0.5), (35, 30), (14, 12)),
+    "1x1": Example(_large(5, 1.0), (1, 1), (1, 1)),
+    "none": Example(examples.random_gop(0), (5, 3), (5, 3)),
 }
 
 
-def _pass(scene: Scene, taus: Float32Array = TAUS) -> Pass:
+def _pass(example: Example, taus: Float32Array = TAUS) -> Pass:
     parameters = {
-        name: torch.from_numpy(getattr(scene.gop, name)).to(DEVICE) for name in Gop.__slots__
+        name: torch.from_numpy(getattr(example.gop, name)).to(DEVICE) for name in Gop.__slots__
     }
-    return Pass(parameters, torch.from_numpy(taus).to(DEVICE), scene.size, scene.coded_size)
+    return Pass(parameters, torch.from_numpy(taus).to(DEVICE), example.size, example.coded_size)
 
 
-def _floats(scene: Scene, taus: Float32Array = TAUS) -> Float32Array:
+def _floats(example: Example, taus: Float32Array = TAUS) -> Float32Array:
     """Frames (F, H, W, 3) before the clamp."""
-    return _pass(scene, taus).floats().numpy(force=True)
+    return _pass(example, taus).floats().numpy(force=True)
 
 
-def _gradients(scene: Scene, weights: Float32Array, taus: Float32Array = TAUS) -> Gradients:
+def _gradients(example: Example, weights: Float32Array, taus: Float32Array = TAUS) -> Gradients:
     """Gradients of sum(frames * weights)."""
-    run = _pass(scene, taus)
+    run = _pass(example, taus)
     run.set_gradient(torch.from_numpy(weights).to(DEVICE))
     return {name: value.numpy(force=True) for name, value in run.gradients().items()}
 
 
-def _weights(scene: Scene, frames: int = 1) -> Float32Array:
-    width, height = scene.size
+def _weights(example: Example, frames: int = 1) -> Float32Array:
+    width, height = example.size
     return np.random.default_rng(1).normal(size=(frames, height, width, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_value_and_gradients(name: str) -> None:
-    scene = SCENES[name]
-    weights = _weights(scene)
-    expected, gradients = scenes.reference_render(scene, weights[0])
-    actual = _floats(scene)[0]
+    example = EXAMPLES[name]
+    weights = _weights(example)
+    expected, gradients = examples.reference_render(example, weights[0])
+    actual = _floats(example)[0]
     assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
-    scenes.assert_gradients_close(_gradients(scene, weights), gradients)
+    examples.assert_gradients_close(_gradients(example, weights), gradients)
 
 
 def test_frames_together() -> None:
     """A batch is its frames one by one, and its gradient the sum of theirs."""
-    scene, taus = Scene(_large(5, 1.0), (17, 9), (17, 9)), np.array([-1, 0.2], np.float32)
-    batch = _floats(scene, taus)
-    weights = _weights(scene, len(taus))
-    total = {name: np.zeros_like(getattr(scene.gop, name)) for name in Gop.__slots__}
+    example, taus = Example(_large(5, 1.0), (17, 9), (17, 9)), np.array([-1, 0.2], np.float32)
+    batch = _floats(example, taus)
+    weights = _weights(example, len(taus))
+    total = {name: np.zeros_like(getattr(example.gop, name)) for name in Gop.__slots__}
     for k in range(len(taus)):
-        np.testing.assert_array_equal(_floats(scene, taus[k : k + 1])[0], batch[k])
-        part = _gradients(scene, weights[k : k + 1], taus[k : k + 1])
+        np.testing.assert_array_equal(_floats(example, taus[k : k + 1])[0], batch[k])
+        part = _gradients(example, weights[k : k + 1], taus[k : k + 1])
         for name, gradient in part.items():
             total[name] += gradient
-    scenes.assert_gradients_close(_gradients(scene, weights, taus), total)
+    examples.assert_gradients_close(_gradients(example, weights, taus), total)
 
 
 @pytest.mark.parametrize("bit_depth", [8, 10])
@@ -111,7 +111,7 @@ def test_codes(bit_depth: int) -> None:
     actual = gpu.render_codes(gop, taus, SIZE, SIZE, device=PLACE, bit_depth=bit_depth)
     assert actual.dtype == (np.uint8 if bit_depth == 8 else np.uint16)
     white = 2**bit_depth - 1
-    frames = [scenes.reference_render(Scene(gop, SIZE, SIZE), tau=float(t))[0] for t in taus]
+    frames = [examples.reference_render(Example(gop, SIZE, SIZE), tau=float(t))[0] for t in taus]
     expected = np.floor(np.clip(frames, 0, 1) * white + 0.5)
     difference = np.abs(actual.astype(int) - expected)
     assert difference.max() <= 1
@@ -124,25 +124,27 @@ def test_codes(bit_depth: int) -> None:
 
 @pytest.mark.parametrize("backdrop", [False, True])
 def test_squared_error(backdrop: bool) -> None:
-    scene = SCENES["smaller"]
-    width, height = scene.size
+    example = EXAMPLES["smaller"]
+    width, height = example.size
     rng = np.random.default_rng(2)
     target = rng.integers(0, 256, (height, width, 3), np.uint8)
     behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
-    frame, _ = scenes.reference_render(scene)
+    frame, _ = examples.reference_render(example)
     residual = (frame + behind).clip(0, 1) - target / 255.0
-    _, expected = scenes.reference_render(scene, (2 / residual.size * residual).astype(np.float32))
+    _, expected = examples.reference_render(
+        example, (2 / residual.size * residual).astype(np.float32)
+    )
     loss, gradients = gpu.squared_error(
-        gpu.upload(scene.gop, DEVICE),
+        gpu.upload(example.gop, DEVICE),
         torch.from_numpy(TAUS).to(DEVICE),
         torch.from_numpy(target[None]).to(DEVICE),
-        scene.coded_size,
+        example.coded_size,
         torch.from_numpy(behind).to(DEVICE) if backdrop else None,
     )
     assert float(loss) == pytest.approx(float((residual**2).mean()), rel=1e-4)
     # `upload` puts Gaussians into an order of its own.
     for name in ("xy", "xt", "yt"):
-        scenes.assert_gradients_close(
+        examples.assert_gradients_close(
             {name: gradients[name].numpy(force=True)}, {name: expected[name]}
         )
     assert float(gradients["colour"].sum()) == pytest.approx(expected["colour"].sum(), rel=1e-3)
@@ -151,31 +153,31 @@ def test_squared_error(backdrop: bool) -> None:
 def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     """More blocks in a tile, and more candidates, than a program looks at together."""
     monkeypatch.setattr(launch, "CHUNK", 4)
-    scene = Scene(scenes.random_gop(64 * 4 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
-    scene.gop.log_scale[:] = -2.0
-    weights = _weights(scene)
-    expected, gradients = scenes.reference_render(scene, weights[0])
-    run = _pass(scene)
+    example = Example(examples.random_gop(64 * 4 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
+    example.gop.log_scale[:] = -2.0
+    weights = _weights(example)
+    expected, gradients = examples.reference_render(example, weights[0])
+    run = _pass(example)
     assert np.abs(run.floats().numpy(force=True) - expected).max() <= 1e-4 * expected.max()
     run.set_gradient(torch.from_numpy(weights).to(DEVICE))
     actual = {name: value.numpy(force=True) for name, value in run.gradients().items()}
-    scenes.assert_gradients_close(actual, gradients)
+    examples.assert_gradients_close(actual, gradients)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy, in the interpreter
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_not_finite_is_not_drawn(value: float) -> None:
     """One broken Gaussian for each attribute, and what is left without them."""
-    gop = scenes.random_gop(24)
-    broken = ("position", "log_scale", "rotation", "colour", "alpha", "linear", "quadratic")
+    gop = examples.random_gop(24)
+    broken = ("position", "log_scale", "rotation", "colour", "indicator", "linear", "quadratic")
     for index, name in enumerate(broken):
         getattr(gop, name)[3 * index] = value
     kept = np.setdiff1d(np.arange(24), 3 * np.arange(len(broken)))
     rest = replace(gop, **{name: getattr(gop, name)[kept] for name in broken})
-    scene = Scene(gop, (20, 15), (20, 15))
-    expected = scenes.reference_render(replace(scene, gop=rest))[0]
-    np.testing.assert_allclose(_floats(scene)[0], expected, atol=1e-5)
-    gradients = _gradients(scene, _weights(scene))
+    example = Example(gop, (20, 15), (20, 15))
+    expected = examples.reference_render(replace(example, gop=rest))[0]
+    np.testing.assert_allclose(_floats(example)[0], expected, atol=1e-5)
+    gradients = _gradients(example, _weights(example))
     for name, gradient in gradients.items():
         assert np.isfinite(gradient).all(), name
     assert not gradients["colour"][: 3 * len(broken) : 3].any()
@@ -211,7 +213,7 @@ def test_adam() -> None:
 def test_pictures_are_tensors() -> None:
     """What the decoder makes on a GPU, also where one GOP fades into the next."""
     first, second = (
-        GopContent(scenes.random_gop(3, grid=(0, 0, 0), seed=start), start, pts, pts - pts + 1)
+        GopContent(examples.random_gop(3, grid=(0, 0, 0), seed=start), start, pts, pts - pts + 1)
         for start, pts in ((0, np.array([0, 1])), (2, np.array([4, 5])))
     )
     options: dict[str, Any] = {

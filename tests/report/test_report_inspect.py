@@ -39,19 +39,19 @@ class TestInspect:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0)))
         assert {gop.parameters for gop in info.gops} == {13 * 60}
 
-    def test_what_a_lost_scene_takes_along(self, tmp_path: Path) -> None:
-        data = bytearray((VALID / "scenes.gsvr").read_bytes())
+    def test_what_a_lost_background_takes_along(self, tmp_path: Path) -> None:
+        data = bytearray((VALID / "backgrounds.gsvr").read_bytes())
         path = tmp_path / "a.gsvr"
         path.write_bytes(data)
         assert list(verify(path)) == []
         with GsvrReader(path) as reader:
-            scene, offsets = reader.scenes[0].chunk, [gop.offset for gop in reader.gops]
-        data[scene.payload_offset + 60] ^= 1
+            background, offsets = reader.backgrounds[0].chunk, [gop.offset for gop in reader.gops]
+        data[background.payload_offset + 60] ^= 1
         path.write_bytes(data)
         faults = list(verify(path))
-        assert f"chunk SCNE at byte {scene.offset}" in faults[0]
+        assert f"chunk SCNE at byte {background.offset}" in faults[0]
         for fault, offset in zip(faults[1:], offsets[:2], strict=True):
-            assert f"chunk GOPD at byte {offset}: scene 1 is lost" in fault
+            assert f"chunk GOPD at byte {offset}: background 1 is lost" in fault
 
     def test_unfinished_file(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", close=False))

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_payload import unpack_scene
+from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.bitstream.chunk import (
+    BACKGROUND_TYPE,
     END_TYPE,
     GOP_TYPE,
     HEAD_TYPE,
     INDEX_TYPE,
-    SCENE_TYPE,
     SIGNATURE,
 )
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
@@ -31,18 +31,18 @@ from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.background import with_scene
+from gsvrcodec.model.background import with_background
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.planes import PACKS
 from tests.gops import (
     BITS,
     HEADER,
     SIXTEEN_BITS,
+    make_background,
     make_file,
     make_gop,
     make_payload,
     make_payloads,
-    make_scene,
 )
 from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, pieces, with_plane
 
@@ -63,7 +63,7 @@ def minimal() -> bytes:
         log_scale=values([0.5, 0]),
         rotation=values(0.25),
         colour=values([0.5, 0.5, 0.5]),
-        alpha=values(1),
+        indicator=values(1),
         linear=values([0, 0]),
         quadratic=values([0, 0]),
         xy=none,
@@ -123,16 +123,18 @@ def older_minor() -> bytes:
     return edited(make_file([make_payload(30, (4, 3, 2))]), HEAD_TYPE, age)
 
 
-def scenes() -> bytes:
-    """Two scenes; the first is shown in part by one GOP and whole by another, a third has none."""
+def backgrounds() -> bytes:
+    """Two backgrounds: one GOP shows a part of the first, another all of it, a third none."""
     return make_file(
         [
-            make_payload(20, (3, 2, 2), scene=1, shown=np.arange(30) % 3 > 0),
-            make_payload(0, first_frame=3, start_pts=120, scene=1, shown=np.ones(30, np.bool_)),
+            make_payload(20, (3, 2, 2), background=1, shown=np.arange(30) % 3 > 0),
+            make_payload(
+                0, first_frame=3, start_pts=120, background=1, shown=np.ones(30, np.bool_)
+            ),
             make_payload(8, first_frame=6, start_pts=240),
-            make_payload(8, first_frame=9, start_pts=360, scene=7, shown=np.arange(5) == 2),
+            make_payload(8, first_frame=9, start_pts=360, background=7, shown=np.arange(5) == 2),
         ],
-        scenes={0: make_scene(1, 30), 2: make_scene(7, 5)},
+        backgrounds={0: make_background(1, 30), 2: make_background(7, 5)},
     )
 
 
@@ -147,7 +149,7 @@ def valid_vectors() -> Iterator[tuple[str, bytes]]:
     for pack in ("deflate", "png", "jxl", "entropy", "auto"):
         yield pack, make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
     yield "entropy-strips", make_file([make_payload(400, pack="entropy", seed=2)])
-    yield "scenes", scenes()
+    yield "backgrounds", backgrounds()
     for name, pack in (("sixteen-bits", "jxl"), ("sixteen-bits-entropy", "entropy")):
         yield name, make_file([make_payload(30, (4, 3, 2), pack=pack, bits=SIXTEEN_BITS)])
 
@@ -195,7 +197,7 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
     yield header("major-version", 0, "H", 1, code=4, says="version 1.4")
     yield header("required-flag", 4, "I", 1 << 31 | 3, code=4, says="flags 0x80000000")
-    yield header("no-scenes-flag", 4, "I", 1, code=4, says="reads 0.4 and later")
+    yield header("no-backgrounds-flag", 4, "I", 1, code=4, says="reads 0.4 and later")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
     yield header("zero-aspect", 24, "I", 0, code=3, says="aspect ratio 1/0")
@@ -242,25 +244,29 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("context-no-token", bytes.fromhex("0000240000000100 0000"), "none of", codec=4)
     yield plane("ranges-too-high", b"\x00\xff\xff\x03\x00\x00\x01\x00", "out of range", codec=5)
     yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
-    yield from _scene_faults()
+    yield from _background_faults()
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
 
 
-def _scene_faults() -> Iterator[Fault]:
-    head, scene, first, second = pieces(scenes())[:4]
-    yield Fault("scene-lost", joined([head, first, second]), 3, "scene 1 is lost")
-    yield Fault("scene-of-none", _in_scene(4, 0), 3, "scene 1 is lost")
-    yield Fault("scene-planes", _in_scene(8, 7), 3, "7 planes, expected 8")
-    other = joined([head, Piece(SCENE_TYPE, make_scene(1, 31)), first])
-    yield Fault("scene-of-others", other, 3, "scene 1 has 31 Gaussians, the GOP expects 30")
-    half = edited(scenes(), GOP_TYPE, lambda payload: payload.__setitem__(slice(52, 56), bytes(4)))
-    yield Fault("scene-without-gaussians", half, 3, "scene 1 of 0 Gaussians")
-    cut = joined([head, Piece(SCENE_TYPE, scene.payload[:8]), first])
-    yield Fault("scene-cut", cut, 3, "scene 1 is lost")
+def _background_faults() -> Iterator[Fault]:
+    head, background, first, second = pieces(backgrounds())[:4]
+    yield Fault("background-lost", joined([head, first, second]), 3, "background 1 is lost")
+    yield Fault("background-of-none", _in_background(4, 0), 3, "background 1 is lost")
+    yield Fault("background-planes", _in_background(8, 7), 3, "7 planes, expected 8")
+    other = joined([head, Piece(BACKGROUND_TYPE, make_background(1, 31)), first])
+    yield Fault(
+        "background-of-others", other, 3, "background 1 has 31 Gaussians, the GOP expects 30"
+    )
+    half = edited(
+        backgrounds(), GOP_TYPE, lambda payload: payload.__setitem__(slice(52, 56), bytes(4))
+    )
+    yield Fault("background-without-gaussians", half, 3, "background 1 of 0 Gaussians")
+    cut = joined([head, Piece(BACKGROUND_TYPE, background.payload[:8]), first])
+    yield Fault("background-cut", cut, 3, "background 1 is lost")
 
 
-def _in_scene(offset: int, value: int) -> bytes:
-    return patched(scenes(), SCENE_TYPE, offset, "I", value)
+def _in_background(offset: int, value: int) -> bytes:
+    return patched(backgrounds(), BACKGROUND_TYPE, offset, "I", value)
 
 
 def _flip(data: bytes, offset: int) -> bytes:
@@ -277,9 +283,11 @@ def description(data: bytes) -> dict[str, object]:
         for position in range(len(reader.gops)):
             content = unpack_gop(reader.read_gop(position), reader.header, Limits())
             if content.shown is not None:
-                chunk = reader.find_scene(content.scene, position).chunk
-                scene = unpack_scene(reader.read_chunk(chunk), Limits())
-                content = replace(content, gop=with_scene(content.gop, scene, content.shown))
+                chunk = reader.find_background(content.background, position).chunk
+                background = unpack_background(reader.read_chunk(chunk), Limits())
+                content = replace(
+                    content, gop=with_background(content.gop, background, content.shown)
+                )
             values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
             gops.append(
                 {
@@ -341,7 +349,7 @@ def hex_dump(data: bytes) -> str:
         ],
     )
     timing = [(3, "timing: 1 frame, step 1, duration 1")]
-    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes"), (8, "no scene")]
+    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes"), (8, "no background")]
     table = [(20, f"plane {name}") for name in names]
     planes = [(2, f"samples of {name}") for name in names]
     chunk("GOPD", [*summary, *shape, *timing, *table, *planes])

@@ -179,13 +179,13 @@ class Pass:
                 num_warps=1,
             )
             deform_backward[(blocks,)](
-                *(named[k] for k in ("position", "log_scale", "rotation", "alpha")),
+                *(named[k] for k in ("position", "log_scale", "rotation", "indicator")),
                 *(named[k] for k in ("xy", "xt", "yt")),
                 self._taus,
                 self._splats,
                 self._level,
                 moments,
-                *(out[k] for k in ("position", "log_scale", "rotation", "colour", "alpha")),
+                *(out[k] for k in ("position", "log_scale", "rotation", "colour", "indicator")),
                 *(out[k] for k in ("linear", "quadratic")),
                 factors,
                 frames,

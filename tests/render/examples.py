@@ -1,4 +1,4 @@
-"""Scenes for the renderers' tests, and both renderers as functions of the same arguments."""
+"""Examples for the renderers' tests, and both renderers as functions of the same arguments."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def random_gop(n: int, *, grid: tuple[int, int, int] = (6, 5, 4), seed: int = 0)
         "log_scale": r.uniform(-2, 2.5, (n, 2)),
         "rotation": r.uniform(-4, 7, n),
         "colour": r.uniform(-1, 1, (n, 3)),
-        "alpha": r.uniform(0, 1, n),
+        "indicator": r.uniform(0, 1, n),
         "linear": r.normal(0, 0.1, (n, 2)),
         "quadratic": r.normal(0, 0.1, (n, 2)),
         "xy": r.normal(0, 0.3, (gy, gx, 8)),
@@ -39,7 +39,7 @@ def random_gop(n: int, *, grid: tuple[int, int, int] = (6, 5, 4), seed: int = 0)
 
 
 @dataclass(frozen=True)
-class Scene:
+class Example:
     """What to render and how large."""
 
     gop: Gop
@@ -67,43 +67,43 @@ def _colourless() -> Gop:
 
 def still(gop: Gop, chosen: slice) -> Gop:
     """The same GOP, where some Gaussians stand still."""
-    gop.alpha[chosen] = 1
+    gop.indicator[chosen] = 1
     gop.linear[chosen] = gop.quadratic[chosen] = 0
     return gop
 
 
-SCENES = {
-    "mixed": Scene(random_gop(50)),
-    "one": Scene(random_gop(1)),
-    "15": Scene(random_gop(15)),
-    "16": Scene(random_gop(16)),
-    "17": Scene(random_gop(17)),
-    "none": Scene(random_gop(0)),
-    "no tri-plane": Scene(random_gop(33, grid=(0, 0, 0))),
-    "one cell": Scene(random_gop(33, grid=(1, 1, 1))),
-    "tiny": Scene(_shaped((0.002, 0.01), 200)),
-    "huge": Scene(_shaped((500.0, 300.0), 5), (200, 150), (200, 150)),
-    "wide": Scene(_shaped((60.0, 1.0)), (400, 40), (400, 40)),
-    "thin": Scene(_shaped((20.0, 0.4)), (131, 97), (131, 97)),
-    "needles": Scene(_shaped((100.0, 0.1), 9), (131, 197), (131, 197)),
-    "still": Scene(still(random_gop(50), slice(None))),
-    "half still": Scene(still(random_gop(50), slice(None, None, 2))),
-    "off frame": Scene(_off_frame()),
-    "zero colour": Scene(_colourless()),
-    "1x1": Scene(random_gop(20), (1, 1), (1, 1)),
-    "narrow": Scene(random_gop(20), (1, 77), (1, 77)),
-    "low": Scene(random_gop(20), (77, 1), (77, 1)),
-    "smaller": Scene(random_gop(50), (33, 31), (96, 64)),
-    "larger": Scene(random_gop(20), (150, 140), (64, 48)),
-    "stretched": Scene(random_gop(20), (20, 140), (96, 48)),
+EXAMPLES = {
+    "mixed": Example(random_gop(50)),
+    "one": Example(random_gop(1)),
+    "15": Example(random_gop(15)),
+    "16": Example(random_gop(16)),
+    "17": Example(random_gop(17)),
+    "none": Example(random_gop(0)),
+    "no tri-plane": Example(random_gop(33, grid=(0, 0, 0))),
+    "one cell": Example(random_gop(33, grid=(1, 1, 1))),
+    "tiny": Example(_shaped((0.002, 0.01), 200)),
+    "huge": Example(_shaped((500.0, 300.0), 5), (200, 150), (200, 150)),
+    "wide": Example(_shaped((60.0, 1.0)), (400, 40), (400, 40)),
+    "thin": Example(_shaped((20.0, 0.4)), (131, 97), (131, 97)),
+    "needles": Example(_shaped((100.0, 0.1), 9), (131, 197), (131, 197)),
+    "still": Example(still(random_gop(50), slice(None))),
+    "half still": Example(still(random_gop(50), slice(None, None, 2))),
+    "off frame": Example(_off_frame()),
+    "zero colour": Example(_colourless()),
+    "1x1": Example(random_gop(20), (1, 1), (1, 1)),
+    "narrow": Example(random_gop(20), (1, 77), (1, 77)),
+    "low": Example(random_gop(20), (77, 1), (77, 1)),
+    "smaller": Example(random_gop(50), (33, 31), (96, 64)),
+    "larger": Example(random_gop(20), (150, 140), (64, 48)),
+    "stretched": Example(random_gop(20), (20, 140), (96, 48)),
 }
 
 
-def native_float(scene: Scene, taus: Float32Array, threads: int = 1) -> Float32Array:
+def native_float(example: Example, taus: Float32Array, threads: int = 1) -> Float32Array:
     """Frames (F, H, W, 3) before the clamp."""
-    width, height = scene.size
+    width, height = example.size
     out = np.full((len(taus), height, width, 3), np.nan, np.float32)
-    _core.render_float(parameters(scene.gop), taus, out, *scene.coded_size, threads)
+    _core.render_float(parameters(example.gop), taus, out, *example.coded_size, threads)
     return out
 
 
@@ -113,25 +113,25 @@ def empty_gradient(gop: Gop) -> Gop:
 
 
 def native_gradients(
-    scene: Scene, weights: Float32Array, tau: float = TAU, threads: int = 1
+    example: Example, weights: Float32Array, tau: float = TAU, threads: int = 1
 ) -> Gradients:
     """Gradients of sum(frame * weights)."""
-    gradient = empty_gradient(scene.gop)
+    gradient = empty_gradient(example.gop)
     _core.backward_float(
-        parameters(scene.gop), tau, weights, *scene.coded_size, parameters(gradient), threads
+        parameters(example.gop), tau, weights, *example.coded_size, parameters(gradient), threads
     )
     return {name: getattr(gradient, name) for name in Gop.__slots__}
 
 
 def reference_render(
-    scene: Scene, weights: Float32Array | None = None, tau: float = TAU
+    example: Example, weights: Float32Array | None = None, tau: float = TAU
 ) -> tuple[NDArray[np.float64], Gradients]:
     """A frame before the clamp and the gradients of sum(frame * weights)."""
     tensors = {
-        name: torch.tensor(getattr(scene.gop, name), dtype=torch.float64, requires_grad=True)
+        name: torch.tensor(getattr(example.gop, name), dtype=torch.float64, requires_grad=True)
         for name in Gop.__slots__
     }
-    frame = reference.render(tensors, tau, scene.size, scene.coded_size)
+    frame = reference.render(tensors, tau, example.size, example.coded_size)
     if weights is not None and frame.requires_grad:
         (frame * torch.from_numpy(weights)).sum().backward()  # type: ignore[no-untyped-call]
     gradients = {
