@@ -49,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
             "bitstream",
             "native",
         ),
-        *("render", "video", "fit", "decoder", "numpy", "cv2", "torch"),
+        *("render", "video", "fit", "decoder", "numpy", "cv2"),
     },
     "report": {
         *("errors", "limits", "metrics", "model", "bitstream", "video", "decoder"),
@@ -69,7 +69,7 @@ ONLY_IN = {
     ("bitstream", "numpy"): {
         *("attribute_planes.py", "background_payload.py", "gop_payload.py", "timing.py"),
     },
-    ("render", "torch"): {"reference.py", "device.py", *_TRITON},
+    ("render", "torch"): {"reference.py", "device.py", "backend.py", "native.py", *_TRITON},
     ("render", "triton"): _TRITON,
     ("decoder", "video"): {"export.py"},
     ("encoder", "cv2"): {"analysis.py", "background.py"},

@@ -22,8 +22,8 @@ from gsvrcodec.cli.common import (
 )
 from gsvrcodec.cli.groups import GroupedCommand
 from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
-from gsvrcodec.encoder.settings import EncodeSettings, Pack, Preset, Profile
-from gsvrcodec.fit.options import Deform, Flow
+from gsvrcodec.encoder.settings import EncodeSettings, Pack, Preset
+from gsvrcodec.fit.options import Deform, Flow, Profile
 
 _DEFAULTS = EncodeSettings()
 

@@ -3,40 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
+from gsvrcodec.encoder.tuned import ANALYSIS
 from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, motion_degree, resize
-
-#: Frames are analysed at this height, so that motion does not depend on resolution.
-ANALYSIS_HEIGHT = 180
-
-
-# A cut changes the picture at once: little of its histogram and hardly any pixel stays.
-_CUT_CORRELATION = 0.75
-
-
-_CUT_DIFFERENCE = 18.0
-
-
-_CUT_RATIO = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrameStats:
-    """From one frame to the next."""
+    """Statistics of one frame against the frame before it."""
 
-    motion: float  #: mean length of the flow, pixels of the analysed frame
+    motion: float  #: motion degree: mean length of the flow, px of the analysed frame
     cut: bool  #: a new shot begins
-    #: what is new: mean squared difference to the frame before, moved along the flow
+    #: mean squared difference to the motion-compensated frame before, squared 8-bit codes
     change: float = 0.0
-    detail: float = 0.0  #: mean squared gradient
+    detail: float = 0.0  #: mean squared gradient, squared 8-bit codes
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What the first pass over the source found."""
+
+    stats: tuple[FrameStats, ...]  #: of every frame
+    shown: tuple[int, int]  #: when the first frame appears and the last one ends, ticks
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the analysis as JSON can hold it."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Any) -> Analysis | None:
+        """Return an analysis from JSON; None if it has another shape."""
+        match value:
+            case {"stats": list(stats), "shown": [int(first), int(end)]}:
+                with suppress(TypeError):
+                    return cls(tuple(FrameStats(**frame) for frame in stats), (first, end))
+        return None
 
 
 def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameStats]:
-    """Measure each frame against the one before; the first counts as a cut.
+    """Yield the statistics of each frame; the first counts as a cut.
 
     Args:
         frames: (H, W, 3) uint8, read one at a time.
@@ -45,16 +56,16 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
     previous: Image | None = None
     usual: float | None = None  # running mean of the difference between frames of a shot
     for frame in frames:
-        small = resize(frame, ANALYSIS_HEIGHT)
+        small = resize(frame, ANALYSIS.height)
         detail = _detail(small)
         if previous is None:
             yield FrameStats(0.0, True, 0.0, detail)
         else:
             difference = float(cv2.absdiff(previous, small).mean())
             cut = (
-                difference > _CUT_DIFFERENCE
-                and difference > _CUT_RATIO * (usual or 0.0)
-                and _histogram_correlation(previous, small) < _CUT_CORRELATION
+                difference > ANALYSIS.cut_difference
+                and difference > ANALYSIS.cut_ratio * (usual or 0.0)
+                and _histogram_correlation(previous, small) < ANALYSIS.cut_correlation
             )
             if cut:
                 yield FrameStats(0.0, True, 0.0, detail)

@@ -3,7 +3,7 @@
 The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature of its own:
 
     plan  JSON object: what the encode was begun with
-    step  JSON: what the first pass over the input found, so that it need not be made again
+    stat  JSON object: the analysis of the input
     bkgd  a finished background: its payload
     part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
 
@@ -18,6 +18,7 @@ import struct
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -31,11 +32,13 @@ from gsvrcodec.bitstream.chunk import (
     chunk_bytes,
     parse_chunk_head,
 )
+from gsvrcodec.encoder.analysis import Analysis
+from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
-_PLAN, _ANALYSIS, _BACKGROUND, _PART = b"plan", b"step", b"bkgd", b"part"
+_PLAN, _ANALYSIS, _BACKGROUND, _PART = b"plan", b"stat", b"bkgd", b"part"
 _LENGTH = struct.Struct("<I")
 
 
@@ -59,8 +62,8 @@ class Checkpoint:
     def __init__(
         self, target: Path | None, plan: Mapping[str, Any], *, resume: bool, restart: bool
     ) -> None:
-        self._entries: dict[range, tuple[dict[str, Any], ChunkEntry]] = {}
-        self._analysis: Any = None
+        self._entries: dict[range, tuple[GopFigures, ChunkEntry]] = {}
+        self._analysis: Analysis | None = None
         self._backgrounds: dict[int, bytes] = {}
         self._end = 0
         self._file: BinaryIO
@@ -113,13 +116,13 @@ class Checkpoint:
         return len(self._entries)
 
     @property
-    def analysis(self) -> Any:
-        """What `keep_analysis` was given, as it comes back from JSON; None = nothing."""
+    def analysis(self) -> Analysis | None:
+        """The analysis of the input; None = it was not kept."""
         return self._analysis
 
-    def keep_analysis(self, analysis: Any) -> None:
-        """Keep what the first pass over the input found."""
-        self._append(_ANALYSIS, json.dumps(analysis).encode())
+    def keep_analysis(self, analysis: Analysis) -> None:
+        """Keep the analysis of the input."""
+        self._append(_ANALYSIS, json.dumps(analysis.to_json()).encode())
         self._analysis = analysis
 
     @property
@@ -136,14 +139,14 @@ class Checkpoint:
         self._append(_BACKGROUND, payload)
         self._backgrounds[parse_background_head(payload).number] = payload
 
-    def add(self, gop: range, facts: Mapping[str, Any], payload: bytes) -> None:
+    def add(self, gop: range, figures: GopFigures, payload: bytes) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
-        text = json.dumps({"frames": [gop.start, gop.stop], "facts": facts}).encode()
+        text = json.dumps({"frames": [gop.start, gop.stop], "figures": asdict(figures)}).encode()
         entry = self._append(_PART, _LENGTH.pack(len(text)) + text + payload)
-        self._entries[gop] = dict(facts), entry
+        self._entries[gop] = figures, entry
 
-    def facts(self, gop: range) -> dict[str, Any]:
-        """Return what was told of a GOP; KeyError if it is not there."""
+    def figures(self, gop: range) -> GopFigures:
+        """Return the figures of a GOP; KeyError if it is not there."""
         return self._entries[gop][0]
 
     def payload(self, gop: range) -> bytes:
@@ -240,12 +243,12 @@ class Checkpoint:
     def _take(self, entry: ChunkEntry) -> None:
         payload = self._read(entry)
         if entry.type == _ANALYSIS:
-            self._analysis = _json(payload)
+            self._analysis = Analysis.from_json(_json(payload))
         elif entry.type == _BACKGROUND:
             self._backgrounds[parse_background_head(payload).number] = payload
         elif entry.type == _PART:
-            gop, facts, _ = _split(payload)
-            self._entries[gop] = facts, entry
+            gop, figures, _ = _split(payload)
+            self._entries[gop] = figures, entry
 
     def _read(self, entry: ChunkEntry) -> bytes:
         self._file.seek(entry.payload_offset)
@@ -253,15 +256,16 @@ class Checkpoint:
         return check_payload(entry, data)
 
 
-def _split(payload: bytes) -> tuple[range, dict[str, Any], bytes]:
+def _split(payload: bytes) -> tuple[range, GopFigures, bytes]:
     """Return what a part is made of."""
     if len(payload) < _LENGTH.size:
         raise CorruptError("a part without its length")
     start = _LENGTH.size + _LENGTH.unpack_from(payload)[0]
     head = _object(payload[_LENGTH.size : start])
     match head:
-        case {"frames": [int(first), int(end)], "facts": dict(facts)}:
-            return range(first, end), facts, payload[start:]
+        case {"frames": [int(first), int(end)], "figures": dict(figures)}:
+            with suppress(TypeError):
+                return range(first, end), GopFigures(**figures), payload[start:]
     raise CorruptError("a part that does not say what it is")
 
 

@@ -1,4 +1,4 @@
-"""The encoder in one page: read, slice, fit each GOP, pack, write."""
+"""The encoder in one page: read, analyse, slice, plan, fit each GOP, write."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,17 +17,17 @@ from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.encoder.analysis import FrameStats, analyse
-from gsvrcodec.encoder.background import still_shots
+from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
+from gsvrcodec.encoder.background import static_runs
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import fit_backgrounds, processes_for, tasks
+from gsvrcodec.encoder.job_queue import fit_backgrounds, gop_jobs, processes_for
 from gsvrcodec.encoder.plan import longest_gop, plan
 from gsvrcodec.encoder.progress import Meter, Progress
-from gsvrcodec.encoder.results import EncodeResult, GopStats
+from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import slice_gops
 from gsvrcodec.encoder.verify import verify_file
-from gsvrcodec.encoder.workers import FittedGop, fit_gops
+from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import check_output, fingerprint, gathered_output, is_stream
 from gsvrcodec.fit.flow import flow_estimator
@@ -60,17 +60,18 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file as a .gsvr file.
 
-    The source is read three times, frame by frame: for its motion, for what stands still, and to
-    be fitted. `dst` appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
+    The source is read three times, frame by frame: to analyse its motion, to find static runs,
+    and to fit it. `dst` appears when it is whole; until then finished GOPs are kept in `dst` +
+    ".part".
 
     Args:
         src: any video that FFmpeg reads, numbered pictures such as in_%04d.png, or "-" = the
             standard input.
         dst: path of the .gsvr file.
-        overwrite: replace `dst` if it exists, and what an interrupted encode has left of it.
-        resume: go on with what an interrupted encode has left, if anything; the file will be the
-            same as if there had been no interruption, unless there is a time budget.
-        verify: read the source once more, and compare what was written with it.
+        overwrite: replace `dst` if it exists, and the checkpoint of an interrupted encode.
+        resume: go on from the checkpoint of an interrupted encode, if there is one; the file will
+            be the same as without interruption, unless there is a time budget.
+        verify: read the source once more, and compare the file with it.
         progress: called before the first GOP and after each.
         **settings: fields of `EncodeSettings`.
 
@@ -78,9 +79,9 @@ def encode(
         DeviceError: the GPU that was asked for is not usable, or its memory does not suffice.
         UsageError: settings contradict each other or do not fit the video.
         InputError: `src` cannot be read; NotAVideoError: it has no video.
-        OutputError: `dst` cannot be written, or what is left of it does not fit.
+        OutputError: `dst` cannot be written, or the checkpoint does not fit.
         WorkerError: a process died.
-        VerificationError: what was written is not what was encoded.
+        VerificationError: the file does not decode to the source.
     """
     began = time.perf_counter()
     chosen = EncodeSettings(**settings)
@@ -94,56 +95,63 @@ def encode(
     with (
         rereadable(src) as path,
         open_video(path, **reading_options(asdict(chosen))) as video,
-        Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as parts,
+        Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
     ):
-        steps, shown = _analysis(video, chosen, parts)
+        # Analyse: where GOPs begin and end, and what is static from GOP to GOP.
+        analysis = _analysis(video, chosen, checkpoint)
+        stats, shown = analysis.stats, analysis.shown
         size = video.info.width, video.info.height
         duration = float((shown[1] - shown[0]) * video.info.time_base)
-        longest = longest_gop(steps, size, chosen, seconds=duration)
-        gops = slice_gops(steps, chosen.gop, minimum=chosen.gop_min, maximum=longest)
+        longest = longest_gop(stats, size, chosen, seconds=duration)
+        gops = slice_gops(stats, chosen.gop, minimum=chosen.gop_min, maximum=longest)
         if not gops:
             raise NotAVideoError(f"{src} has no video frames")
-        span = _span(shown, video.info.time_base, chosen)
-        extras = read_extras(path, chosen.copied_kinds, span)
-        pictures = (shot.rgb for shot in video)
-        stills = list(still_shots(pictures, gops, steps)) if chosen.may_have_backgrounds else []
+        pictures = (frame.rgb for frame in video)
+        runs = list(static_runs(pictures, gops, stats)) if chosen.may_have_backgrounds else []
+
+        # Plan: what each GOP and background gets.
+        extras = read_extras(path, chosen.copied_kinds, _span(shown, video.info.time_base, chosen))
         empty = _begin(io.BytesIO(), video.info, chosen, extras)
-        overhead = empty.final_size(len(gops) + len(stills), 0)
         planned = plan(
             gops,
-            steps,
+            stats,
             size,
             chosen,
             seconds=duration,
-            overhead=overhead,
+            overhead=empty.final_size(len(gops) + len(runs), 0),
             streams=extras.streams_bytes,
-            stills=stills,
+            runs=runs,
         )
-        meter = Meter(gops, len(planned.backgrounds), parts, began, progress)
+
+        # Fit: backgrounds first, then the GOPs in front of them, side by side.
+        meter = Meter(gops, len(planned.backgrounds), checkpoint, began, progress)
         meter.report()
-        backgrounds = fit_backgrounds(planned.backgrounds, gops, chosen, parts, meter.report)
-        missing = [gop for gop in gops if gop not in parts]
+        behind = fit_backgrounds(planned.backgrounds, gops, chosen, checkpoint, meter.report)
+        missing = [gop for gop in gops if gop not in checkpoint]
         workers, threads = processes_for(missing, size, chosen)
-        waiting = tasks(video, gops, planned.gops, chosen, missing, workers, began, backgrounds)
-        with closing(fit_gops(waiting, workers, threads)) as fitted:
+        jobs = gop_jobs(video, gops, planned.gops, chosen, missing, workers, began, behind)
+        with closing(fit_gops(jobs, workers, threads)) as fitted:
             for done in fitted:
-                _keep(done, parts)
+                figures = GopFigures(done.gop.psnr, done.gop.float_psnr, done.seconds)
+                checkpoint.add(done.frames, figures, done.gop.payload)
                 meter.report()
+
+        # Write: each background before the first GOP that may show it.
+        first_of = {gops[one.run.gops.start] for one in planned.backgrounds}
         with gathered_output(dst, overwrite=overwrite) as path:
             with path.open("w+b") as file:
                 writer = _begin(file, video.info, chosen, extras)
-                first_of_backgrounds = {gops[shot.gops.start] for shot, _ in planned.backgrounds}
                 for gop in gops:
-                    if gop in first_of_backgrounds:
-                        writer.add_background(backgrounds[gop].payload)
-                    writer.add_gop(parts.payload(gop))
+                    if gop in first_of:
+                        writer.add_background(behind[gop].payload)
+                    writer.add_gop(checkpoint.payload(gop))
                 for stream in extras.streams:
                     writer.add_auxiliary(STREAMS_TYPE, stream.payload)
                 writer.close()
             if verify:
-                quality = {gop.start: parts.facts(gop)["psnr"] for gop in gops}
+                quality = {gop.start: checkpoint.figures(gop).psnr for gop in gops}
                 verify_file(path, video, quality, threads)
-        stats = _stats(gops, steps, writer, parts)
+        gop_stats = _gop_stats(gops, stats, writer, checkpoint)
     frames = gops[-1].stop
     return EncodeResult(
         path=Path(dst),
@@ -153,20 +161,17 @@ def encode(
         gaussians=writer.gaussians,
         bytes=writer.size,
         bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),
-        psnr=sum(gop.psnr * gop.frames for gop in stats) / frames,
-        float_psnr=sum(gop.float_psnr * gop.frames for gop in stats) / frames,
+        psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / frames,
+        float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / frames,
         seconds=time.perf_counter() - began,
-        gop_stats=stats,
+        gop_stats=gop_stats,
     )
 
 
-def _analysis(
-    video: VideoReader, settings: EncodeSettings, parts: Checkpoint
-) -> tuple[list[FrameStats], tuple[int, int]]:
-    """Every frame as `analyse` measures it, and from when to when all are shown, ticks."""
-    kept = parts.analysis
-    with suppress(TypeError, KeyError):  # what is not there, or of another shape, is made anew
-        return [FrameStats(**step) for step in kept["steps"]], (kept["shown"][0], kept["shown"][1])
+def _analysis(video: VideoReader, settings: EncodeSettings, checkpoint: Checkpoint) -> Analysis:
+    """The analysis of the source: from the checkpoint, or made and kept there."""
+    if checkpoint.analysis is not None:
+        return checkpoint.analysis
     shown = [0, 0]
 
     def pictures() -> Iterator[Rgb]:
@@ -174,9 +179,10 @@ def _analysis(
             shown[:] = shown[0] if number else frame.pts, frame.pts + frame.duration
             yield frame.rgb
 
-    steps = list(analyse(pictures(), flow_estimator(settings.flow)))
-    parts.keep_analysis({"shown": shown, "steps": [asdict(step) for step in steps]})
-    return steps, (shown[0], shown[1])
+    stats = tuple(analyse(pictures(), flow_estimator(settings.flow)))
+    analysis = Analysis(stats, (shown[0], shown[1]))
+    checkpoint.keep_analysis(analysis)
+    return analysis
 
 
 def _span(shown: tuple[int, int], time_base: Fraction, settings: EncodeSettings) -> Span:
@@ -208,27 +214,23 @@ def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Ex
     return writer
 
 
-def _keep(done: FittedGop, parts: Checkpoint) -> None:
-    """Put a finished GOP on the disk."""
-    gop = done.gop
-    facts = {"psnr": gop.psnr, "float_psnr": gop.float_psnr, "seconds": done.seconds}
-    parts.add(done.frames, facts, gop.payload)
-
-
-def _stats(
-    gops: Sequence[range], steps: Sequence[FrameStats], writer: GsvrWriter, parts: Checkpoint
+def _gop_stats(
+    gops: Sequence[range],
+    stats: Sequence[FrameStats],
+    writer: GsvrWriter,
+    checkpoint: Checkpoint,
 ) -> tuple[GopStats, ...]:
     pixels = writer.header.width * writer.header.height
     return tuple(
         GopStats(
             first_frame=gop.start,
             frames=len(gop),
-            cut=steps[gop.start].cut,
-            motion=sum(step.motion for step in steps[gop.start : gop.stop]),
+            cut=stats[gop.start].cut,
+            motion=sum(frame.motion for frame in stats[gop.start : gop.stop]),
             gaussians=entry.gaussians,
             bytes=entry.chunk.size,
             bpp=8 * entry.chunk.size / (len(gop) * pixels),
-            **parts.facts(gop),
+            **asdict(checkpoint.figures(gop)),
         )
         for gop, entry in zip(gops, writer.gops, strict=True)
     )

@@ -1,80 +1,91 @@
-"""GOPs that wait for their fit: frames, bytes and seconds of each, and the processes they share."""
+"""Jobs of an encode: their frames, budgets and time, and the processes that share them."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from gsvrcodec.bitstream.background_payload import unpack_background
-from gsvrcodec.encoder.background import StillShot, still_rgb
+from gsvrcodec.encoder.background import StaticRun
+from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.jobs import FRAME_VISITS, GopTask, background_task, encode_gop
-from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.jobs import BackgroundJob, GopJob, encode_gop
+from gsvrcodec.encoder.plan import PlannedBackground
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import BACKGROUND, PROCESSES
 from gsvrcodec.encoder.workers import processes, starts
 from gsvrcodec.errors import InputError
+from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.background import Background
 from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
 
-#: Roughly what a step of the fit takes for each pixel of its frame.
-_VISIT_SECONDS = 15e-9
-#: Part of the time of its GOPs that a background takes.
-_BACKGROUND_TIME = 0.12
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedBackground:
-    """A background for the GOPs that may show it."""
+    """A finished background."""
 
     background: Background
     payload: bytes  #: of its chunk
-    picture: bytes  #: what it was fitted to, a PNG file
+    run: StaticRun  #: the GOPs that may show it
 
 
 def fit_backgrounds(
-    backgrounds: Sequence[tuple[StillShot, Budget]],
+    planned: Sequence[PlannedBackground],
     gops: Sequence[range],
     settings: EncodeSettings,
-    parts: Checkpoint,
+    checkpoint: Checkpoint,
     report: Callable[[], None],
 ) -> dict[range, FittedBackground]:
-    """Fit the backgrounds that are not in `parts`, one after another, and return that of each GOP.
+    """Fit the backgrounds that `checkpoint` lacks, one after another.
 
     Args:
-        backgrounds: shots that get one, and its budget.
+        planned: backgrounds to fit.
         gops: frames of all GOPs.
         settings: of the encode.
-        parts: keeps what is finished.
+        checkpoint: keeps finished backgrounds.
         report: called after each.
+
+    Returns:
+        The background of each GOP that has one, by the frames of the GOP.
     """
     found: dict[range, FittedBackground] = {}
-    for shot, budget in backgrounds:
-        payload = parts.background(shot.number)
+    for one in planned:
+        run = one.run
+        payload = checkpoint.background(run.number)
         if payload is None:
-            frames = sum(len(gops[position]) for position in shot.gops)
-            task = background_task(shot.number, still_rgb(shot.picture), frames, budget, settings)
+            frames = sum(len(gops[position]) for position in run.gops)
+            seconds = None
             if settings.time_budget is not None:
-                task = replace(task, seconds=_BACKGROUND_TIME * settings.time_budget * frames)
-            payload = encode_gop(task).payload
-            parts.add_background(payload)
+                seconds = BACKGROUND.time_share * settings.time_budget * frames
+            job = BackgroundJob(
+                frames=run.picture[None],
+                budget=one.budget,
+                settings=settings,
+                seconds=seconds,
+                number=run.number,
+                shown=frames,
+            )
+            payload = encode_gop(job).payload
+            checkpoint.add_background(payload)
             report()
-        background = FittedBackground(unpack_background(payload, Limits()), payload, shot.picture)
-        found |= {gops[position]: background for position in shot.gops}
+        fitted = FittedBackground(unpack_background(payload, Limits()), payload, run)
+        found |= {gops[position]: fitted for position in run.gops}
     return found
 
 
 def processes_for(
     gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
 ) -> tuple[int, int]:
-    """Return how many processes, and threads of all of them, these GOPs are to be fitted with."""
+    """Return the number of processes that fit these GOPs, and of their threads together."""
     frames, pixels = [len(gop) for gop in gops], size[0] * size[1]
-    pace = settings.time_budget or _VISIT_SECONDS * FRAME_VISITS[settings.preset] * pixels
+    visits = EFFORT.frame_visits[settings.preset]
+    pace = settings.time_budget or PROCESSES.step_seconds * visits * pixels
     return processes(
         # One process keeps a GPU busy.
         settings.workers or int(settings.device != "cpu"),
@@ -85,7 +96,7 @@ def processes_for(
     )
 
 
-def tasks(
+def gop_jobs(
     video: VideoReader,
     gops: Sequence[range],
     budgets: Sequence[Budget],
@@ -94,17 +105,17 @@ def tasks(
     workers: int,
     began: float,
     backgrounds: Mapping[range, FittedBackground],
-) -> Iterator[GopTask]:
-    """Yield the `missing` ones of the GOPs, read when they are asked for.
+) -> Iterator[GopJob]:
+    """Yield the jobs of the `missing` GOPs; frames are read when a job is asked for.
 
     Args:
         video: the source.
-        gops: frames of each, in order.
-        budgets: of each.
-        settings: of the encode; a time budget is shared out among what is missing.
-        missing: those still to be fitted, in order.
+        gops: frames of each GOP, in order.
+        budgets: of each GOP.
+        settings: of the encode; a time budget is shared out among the missing GOPs.
+        missing: GOPs still to be fitted, in order.
         workers: how many are fitted at the same time.
-        began: when the encode began, `time.perf_counter()`.
+        began: `time.perf_counter()` at the start of the encode.
         backgrounds: of the GOPs that have one.
 
     Raises:
@@ -113,48 +124,45 @@ def tasks(
     turns, end = starts([len(gop) for gop in missing], workers)
     turn_of = dict(zip(missing, turns, strict=True))
     whole = sum(map(len, missing))
-    shots = iter(video)
+    frames = iter(video)
     for gop, budget in zip(gops, budgets, strict=True):
         if gop not in turn_of:
-            deque(islice(shots, len(gop)), maxlen=0)
+            deque(islice(frames, len(gop)), maxlen=0)
             continue
         seconds = None
         if settings.time_budget is not None:
-            # A share of what is left, in proportion to its frames and those that wait for it.
+            # A share of the time left, in proportion to its frames and the frames that wait for it.
             left = settings.time_budget * whole - (time.perf_counter() - began)
             seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
-        task = _task(video.info, islice(shots, len(gop)), gop, budget, settings, seconds)
-        if gop in backgrounds:
-            task = replace(
-                task,
-                background=backgrounds[gop].background,
-                background_picture=backgrounds[gop].picture,
-            )
-        yield task
+        own = islice(frames, len(gop))
+        yield _gop_job(video.info, own, gop, budget, settings, seconds, backgrounds.get(gop))
 
 
-def _task(
+def _gop_job(
     info: VideoInfo,
-    shots: Iterator[SourceFrame],
+    source: Iterator[SourceFrame],
     gop: range,
     budget: Budget,
     settings: EncodeSettings,
     seconds: float | None,
-) -> GopTask:
+    fitted: FittedBackground | None,
+) -> GopJob:
     frames = np.empty((len(gop), info.height, info.width, 3), np.uint8)
     times = np.empty((2, len(gop)), np.int64)
     found = 0
-    for found, shot in enumerate(shots, 1):
-        frames[found - 1] = shot.rgb
-        times[:, found - 1] = shot.pts, shot.duration
+    for found, frame in enumerate(source, 1):
+        frames[found - 1] = frame.rgb
+        times[:, found - 1] = frame.pts, frame.duration
     if found < len(gop):
         raise InputError(f"{info.path} became shorter while it was read")
-    return GopTask(
+    return GopJob(
         frames=frames,
+        budget=budget,
+        settings=settings,
+        seconds=seconds,
         pts=times[0],
         durations=times[1],
         first_frame=gop.start,
-        settings=settings,
-        seconds=seconds,
-        **asdict(budget),
+        background=None if fitted is None else fitted.background,
+        background_picture=None if fitted is None else fitted.run.picture,
     )

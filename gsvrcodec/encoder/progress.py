@@ -25,12 +25,12 @@ class Progress:
 
 
 class Meter:
-    """Tells how far an encode has come.
+    """Reports how far an encode has come.
 
     Args:
         gops: frames of each GOP.
         backgrounds: how many there are.
-        parts: those that are done.
+        checkpoint: keeps those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
     """
@@ -39,11 +39,11 @@ class Meter:
         self,
         gops: Sequence[range],
         backgrounds: int,
-        parts: Checkpoint,
+        checkpoint: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        self._gops, self._backgrounds, self._parts = gops, backgrounds, parts
+        self._gops, self._backgrounds, self._checkpoint = gops, backgrounds, checkpoint
         self._began, self._progress = began, progress
         self._resumed = sum(map(len, self._done()))
 
@@ -56,12 +56,12 @@ class Meter:
         pace = None
         if frames_done > self._resumed:
             pace = (time.perf_counter() - self._began) / (frames_done - self._resumed)
-        total = sum(self._parts.facts(gop)["psnr"] * len(gop) for gop in done)
+        total = sum(self._checkpoint.figures(gop).psnr * len(gop) for gop in done)
         self._progress(
             Progress(
                 gop=len(done),
                 gops=len(self._gops),
-                background=self._parts.backgrounds,
+                background=self._checkpoint.backgrounds,
                 backgrounds=self._backgrounds,
                 frames_done=frames_done,
                 frames=frames,
@@ -72,4 +72,4 @@ class Meter:
         )
 
     def _done(self) -> list[range]:
-        return [gop for gop in self._gops if gop in self._parts]
+        return [gop for gop in self._gops if gop in self._checkpoint]

@@ -1,10 +1,19 @@
-"""What an encode tells: while it runs, and when it is done."""
+"""Results of an encode."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class GopFigures:
+    """What the fit of one GOP came to."""
+
+    psnr: float  #: dB, mean of the frames as decoded
+    float_psnr: float  #: dB, mean of the frames before quantisation
+    seconds: float  #: wall time of the fit
 
 
 @dataclass(frozen=True, slots=True)

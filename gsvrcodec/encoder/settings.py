@@ -6,11 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args, get_type_hints
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.options import Deform, Flow
+from gsvrcodec.fit.options import Deform, FitOptions, Flow, Profile
 from gsvrcodec.limits import Limits
 
 Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
-Profile = Literal["main", "paper"]
 Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
 
@@ -108,6 +107,11 @@ class EncodeSettings:
         """The kinds of streams to copy."""
         chosen = {"audio": self.audio, "subtitle": self.subtitles}
         return tuple(kind for kind, wanted in chosen.items() if wanted)
+
+    @property
+    def fit_options(self) -> FitOptions:
+        """How GOPs are fitted."""
+        return FitOptions(profile=self.profile, deform=self.deform, flow=self.flow, tune=self.qat)
 
     def recorded(self) -> dict[str, Any]:
         """What the file keeps: all that shapes its content."""

@@ -9,18 +9,16 @@ from typing import Literal
 import numpy as np
 
 from gsvrcodec.encoder.analysis import FrameStats
-
-#: Accumulated motion degree at which a GOP ends, pixels of the analysed frame.
-MOTION_THRESHOLD = 24.0
+from gsvrcodec.encoder.tuned import ANALYSIS
 
 
 def slice_gops(
-    steps: Iterable[FrameStats],
+    stats: Iterable[FrameStats],
     gop: int | Literal["adaptive"],
     *,
     minimum: int,
     maximum: int,
-    threshold: float = MOTION_THRESHOLD,
+    threshold: float = ANALYSIS.threshold,
 ) -> list[range]:
     """Frames of each GOP; none spans a cut.
 
@@ -29,10 +27,10 @@ def slice_gops(
     of about the same sum, and none of fewer than `minimum` frames unless the shot is.
     """
     shots: list[list[float]] = []
-    for step in steps:
-        if step.cut or not shots:
+    for frame in stats:
+        if frame.cut or not shots:
             shots.append([])
-        shots[-1].append(step.motion)
+        shots[-1].append(frame.motion)
     out: list[range] = []
     for shot in shots:
         if gop == "adaptive":

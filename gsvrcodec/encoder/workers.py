@@ -19,20 +19,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gsvrcodec.encoder.jobs import EncodedGop, GopTask, encode_gop
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob, encode_gop
+from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
-from gsvrcodec.native import _core
-
-#: Below this a single process is done before others have started.
-_WORTHWHILE_SECONDS = 10.0
-#: Memory of a process, and of a fit for each byte of its frames (measured: 240 MB and 6 times).
-_PROCESS_BYTES = 300 * 2**20
-_FIT_BYTES = 7
+from gsvrcodec.render.native import resolve_threads
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedGop:
-    """A finished task and how long it took."""
+    """A finished job and how long it took."""
 
     frames: range  #: numbers of its frames
     gop: EncodedGop
@@ -40,15 +35,15 @@ class FittedGop:
 
 
 def fit_gops(
-    tasks: Iterable[GopTask], workers: int, threads: int
+    jobs: Iterable[GopJob], workers: int, threads: int
 ) -> Generator[FittedGop, None, None]:
     """Encode GOPs, yielding each as soon as it is done; the results do not depend on `workers`.
 
-    A task is taken when a worker is free for it, so that at most `workers` are in memory. Close
+    A job is taken when a worker is free for it, so that at most `workers` are in memory. Close
     the generator to stop: its processes are killed.
 
     Args:
-        tasks: what to encode; their settings' `threads` are replaced.
+        jobs: what to encode; their settings' `threads` are replaced.
         workers: processes to fit in; 1 = this one.
         threads: native threads of all workers together.
 
@@ -57,8 +52,8 @@ def fit_gops(
         Exception: whatever `encode_gop` raises.
     """
     if workers == 1:
-        for task in tasks:
-            yield _fitted(encode_gop, task, threads)
+        for job in jobs:
+            yield _fitted(encode_gop, job, threads)
         return
     with ExitStack() as stack:
         # Left in the order of its lines from below: dead workers end the threads that ask them.
@@ -68,16 +63,16 @@ def fit_gops(
             share = threads // workers + (number < threads % workers)
             idle.put((stack.enter_context(_Worker()), max(1, share)))
 
-        def fit(task: GopTask) -> FittedGop:
+        def fit(job: GopJob) -> FittedGop:
             worker, share = idle.get()
             try:
-                return _fitted(worker, task, share)
+                return _fitted(worker, job, share)
             finally:
                 idle.put((worker, share))
 
         running: set[Future[FittedGop]] = set()
-        for task in tasks:
-            running.add(pool.submit(fit, task))
+        for job in jobs:
+            running.add(pool.submit(fit, job))
             if len(running) == workers:
                 done, running = wait(running, return_when=FIRST_COMPLETED)
                 yield from (future.result() for future in done)
@@ -101,10 +96,13 @@ def processes(
         gop_bytes: RGB samples of the largest GOP.
         seconds: that a single process is expected to take for all.
     """
-    threads = _core.resolve_threads(threads)
+    threads = resolve_threads(threads)
     if wanted == 0:
-        wanted = threads if seconds > _WORTHWHILE_SECONDS else 1
-        wanted = min(wanted, _available_bytes() // (_PROCESS_BYTES + _FIT_BYTES * gop_bytes))
+        wanted = threads if seconds > PROCESSES.least_seconds else 1
+        wanted = min(
+            wanted,
+            _available_bytes() // (PROCESSES.process_bytes + PROCESSES.fit_bytes * gop_bytes),
+        )
     return max(1, min(wanted, gops)), threads
 
 
@@ -127,10 +125,10 @@ def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
     return out, max(free)
 
 
-def _fitted(encode: Callable[[GopTask], EncodedGop], task: GopTask, threads: int) -> FittedGop:
+def _fitted(encode: Callable[[GopJob], EncodedGop], job: GopJob, threads: int) -> FittedGop:
     began = time.perf_counter()
-    gop = encode(replace(task, settings=replace(task.settings, threads=threads)))
-    frames = range(task.first_frame, task.first_frame + len(task.frames))
+    gop = encode(replace(job, settings=replace(job.settings, threads=threads)))
+    frames = range(job.first_frame, job.first_frame + len(job.frames))
     return FittedGop(frames, gop, time.perf_counter() - began)
 
 
@@ -138,7 +136,7 @@ class _Worker:
     """A process that encodes one GOP at a time; killed on leaving its block.
 
     A plain subprocess: those of `multiprocessing` run the caller's script again, which must be
-    prepared for it. Tasks and answers are pickled between the two ends of its own pipes.
+    prepared for it. Jobs and answers are pickled between the two ends of its own pipes.
     """
 
     def __enter__(self) -> Self:
@@ -150,7 +148,7 @@ class _Worker:
             )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._tasks, self._answers = self._process.stdin, self._process.stdout
+        self._jobs, self._answers = self._process.stdin, self._process.stdout
         self._ready = False
         return self
 
@@ -163,25 +161,25 @@ class _Worker:
         """Kill the process."""
         self._process.kill()
         self._process.wait()
-        for pipe in (self._tasks, self._answers):
+        for pipe in (self._jobs, self._answers):
             with suppress(OSError):  # what was not sent yet is not wanted any more
                 pipe.close()
 
-    def __call__(self, task: GopTask) -> EncodedGop:
-        """Have a task done; raises as `encode_gop`."""
+    def __call__(self, job: GopJob) -> EncodedGop:
+        """Have a job done; raises as `encode_gop`."""
         began = time.perf_counter()
         try:
             if not self._ready:
                 self._ready = pickle.load(self._answers)
-            if task.seconds is not None:  # what it took to load the libraries is gone
-                left = task.seconds - (time.perf_counter() - began)
-                task = replace(task, seconds=max(0.0, left))
-            pickle.dump(task, self._tasks, pickle.HIGHEST_PROTOCOL)
-            self._tasks.flush()
+            if job.seconds is not None:  # what it took to load the libraries is gone
+                left = job.seconds - (time.perf_counter() - began)
+                job = replace(job, seconds=max(0.0, left))
+            pickle.dump(job, self._jobs, pickle.HIGHEST_PROTOCOL)
+            self._jobs.flush()
             answer = pickle.load(self._answers)
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             raise WorkerError(
-                f"the process that encoded the GOP at frame {task.first_frame} died (status "
+                f"the process that encoded the GOP at frame {job.first_frame} died (status "
                 f"{self._process.wait()}); if memory ran out, use fewer --workers"
             ) from error
         if isinstance(answer, BaseException):
@@ -204,16 +202,16 @@ def _without_interrupts() -> Iterator[None]:
 
 
 def serve() -> None:
-    """Encode the tasks of the standard input, one after another, until it ends."""
+    """Encode the jobs of the standard input, one after another, until it ends."""
     source, target = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
-    tasks: queue.SimpleQueue[GopTask] = queue.SimpleQueue()
+    jobs: queue.SimpleQueue[GopJob] = queue.SimpleQueue()
 
     def receive() -> None:
         """Queue what comes; when the owner is gone, whatever this process does is in vain."""
         try:
             while True:
-                tasks.put(pickle.load(source))
+                jobs.put(pickle.load(source))
         finally:
             os._exit(0)
 
@@ -222,13 +220,13 @@ def serve() -> None:
     while True:
         target.write(answer)
         target.flush()
-        answer = _answer(tasks.get())
+        answer = _answer(jobs.get())
 
 
-def _answer(task: GopTask) -> bytes:
+def _answer(job: GopJob) -> bytes:
     """Return the pickled result, or the pickled error."""
     try:
-        return pickle.dumps(encode_gop(task), pickle.HIGHEST_PROTOCOL)
+        return pickle.dumps(encode_gop(job), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
         try:
             answer = pickle.dumps(error)

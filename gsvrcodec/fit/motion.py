@@ -10,19 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, resize
+from gsvrcodec.fit.tuned import TRACKS
 from gsvrcodec.model.gop import Float32Array
-
-_FLOW_HEIGHT = 480
-
-#: A step is doubted when the way there and back misses by more than this (squared pixels), or
-#: than this share of the squared lengths of both.
-_MISS_PX2 = 0.5
-_MISS_SHARE = 0.01
-#: What is left of the trust in a point after a doubted step, or a step out of the frame.
-_DOUBTED = 0.3
-#: Leaves at rest what the tracks hardly say: the bend of two frames, or of frames at nearly the
-#: same times, and points that are lost at once.
-_RIDGE = 1e-3
 
 
 class Tracker:
@@ -37,7 +26,7 @@ class Tracker:
             frames: F images of one size.
             estimate: the flow estimator.
         """
-        small = [resize(frame, _FLOW_HEIGHT) for frame in frames]
+        small = [resize(frame, TRACKS.flow_height) for frame in frames]
         self._size = np.array(small[0].shape[1::-1], np.float32)
         self._frames = len(small)
         self._forward = [estimate(first, second) for first, second in pairwise(small)]
@@ -76,8 +65,8 @@ class Tracker:
         miss = np.square(moved + returned).sum(axis=1)
         lengths = (np.square(moved) + np.square(returned)).sum(axis=1)
         after = points + moved / self._size
-        kept = np.where(miss < _MISS_PX2 + _MISS_SHARE * lengths, 1.0, _DOUBTED)
-        kept *= np.where(((after >= 0) & (after < 1)).all(axis=1), 1.0, _DOUBTED)
+        kept = np.where(miss < TRACKS.miss_px2 + TRACKS.miss_share * lengths, 1.0, TRACKS.doubted)
+        kept *= np.where(((after >= 0) & (after < 1)).all(axis=1), 1.0, TRACKS.doubted)
         return after, kept.astype(np.float32)
 
     def motion(
@@ -97,7 +86,7 @@ class Tracker:
         moved = 2.0 * (tracks - tracks[start])
         basis = np.stack([taus - taus[start], taus**2 - taus[start] ** 2], 1).astype(np.float64)
         products = (basis[:, :, None] * basis[:, None, :]).reshape(len(taus), 4)
-        normal = (trust.T @ products).reshape(-1, 2, 2) + _RIDGE * np.eye(2)
+        normal = (trust.T @ products).reshape(-1, 2, 2) + TRACKS.ridge * np.eye(2)
         right = np.einsum("fi,fn,fnk->nik", basis, trust, moved, optimize=True)
         solution = np.linalg.solve(normal, right).astype(np.float32)
         return np.ascontiguousarray(solution[:, 0]), np.ascontiguousarray(solution[:, 1])

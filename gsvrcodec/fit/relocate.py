@@ -10,17 +10,12 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.start import Frames, sample_pixels
+from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.start import sample_pixels
+from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.render import render_frames
 from gsvrcodec.render.order import drawing_order
 
-#: Part of the Gaussians that moves.
-_SHARE = 0.1
-#: Frames whose error is looked at.
-_FRAMES = 5
-_SIGMA_RANGE = (0.5, 3.0)  # px, of a Gaussian that has moved
-_ERROR_BOX_PX = 3
 _GRIDS = ("xy", "xt", "yt")
 
 
@@ -30,12 +25,11 @@ def relocate(
     taus: Float32Array,
     coded_size: tuple[int, int],
     rng: np.random.Generator,
-    threads: int,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
 
-    One that moves takes shape and motion of its nearest neighbour, and starts black: so it changes
-    nothing at first, nor the weight that the tri-plane's colours act with.
+    A Gaussian that moves takes the shape and the motion of its nearest neighbour and starts black,
+    so that the picture does not change at first.
 
     Args:
         field: what is being fitted.
@@ -43,7 +37,6 @@ def relocate(
         taus: (F,) their normalised times.
         coded_size: width and height that the field is in.
         rng: source of the new places.
-        threads: native threads.
 
     Returns:
         (N,) where each Gaussian was before, and (N,) which have moved.
@@ -51,12 +44,11 @@ def relocate(
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
     area = np.exp(gop.log_scale.sum(axis=1))
-    count = int(_SHARE * len(gop))
+    count = int(RELOCATION.share * len(gop))
     weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
-    shown = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(np.intp))
-    pictures = render_frames(
-        field.drawn(), taus[shown], size, coded_size, threads=threads, device=field.device
-    )
+    shown = np.unique(np.linspace(0, len(frames) - 1, RELOCATION.frames).round().astype(np.intp))
+    backend = field.backend
+    pictures = backend.render(backend.prepare(field.drawn()), taus[shown], size, coded_size)
     errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
@@ -77,9 +69,9 @@ def relocate(
     with torch.no_grad():
         for tensor in raw.values():
             tensor.copy_(tensor[source])
-        raw["position"][weakest] = torch.from_numpy(position).to(field.device)
+        raw["position"][weakest] = torch.from_numpy(position).to(backend.device)
         raw["colour"][weakest] = 0.0
-        low, high = _SIGMA_RANGE
+        low, high = RELOCATION.sigma_range
         raw["log_scale"][weakest] = raw["log_scale"][weakest].clamp(math.log(low), math.log(high))
     order = reorder(field, coded_size)
     return order, np.isin(order, weakest)
@@ -99,7 +91,7 @@ def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
 def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:
     """Squared error around each pixel, (h, w), above zero."""
     squares = np.square(picture.astype(np.float32) - wanted).sum(axis=2)
-    blurred = cv2.boxFilter(squares, -1, (_ERROR_BOX_PX, _ERROR_BOX_PX))
+    blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error
 

@@ -9,48 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.flow import FlowEstimator
+from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.motion import Tracker
-from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
-from gsvrcodec.render.native import render_weights
-
-Frames = NDArray[np.uint8]
-
-#: Share of the Gaussians spread by gradient, the others evenly.
-_GRADIENT_SHARE = 0.7
-#: Standard deviation of a Gaussian, in distances to its neighbours.
-_SPREAD = 0.45
-_SIGMA_RANGE = (0.6, 20.0)  # px
-#: Largest share of the Gaussians that starts in the first frame, and in the last.
-_HOLE_SHARE = 0.2
-_HOLE_PX = 9
-#: How far around it something that is missing asks for Gaussians; and of the mean, how much every
-#: place does.
-_MISSING_PX, _LEAST_MISSING = 9, 0.05
-#: Sum of weights at which a place needs no more Gaussians; 1.3 is usual.
-_COVERED = 0.6
-_INITIAL_INDICATOR = 0.88
-_PLANE_NOISE = 0.0025
+from gsvrcodec.fit.tuned import START
+from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop, GridSize
+from gsvrcodec.render.backend import Backend
 
 
 def density(frames: Frames, backdrop: Float32Array | None = None) -> NDArray[np.float64]:
-    """Where detail is, over all frames: (H, W), sums to 1.
+    """Density of Gaussians over all frames: (H, W), sums to 1; high where detail is.
 
-    In front of a backdrop (H, W, 3) that of what is missing, and some wherever anything is.
+    In front of a backdrop (H, W, 3) the frames are what the backdrop leaves, and the even share
+    goes where anything is left.
     """
     total = np.zeros(frames.shape[1:3], np.float32)
-    missing = np.zeros(frames.shape[1:3], np.float32)
+    residual = np.zeros(frames.shape[1:3], np.float32)
     for frame in frames:
         if backdrop is not None:
             frame = frame - 255 * backdrop
-            missing += np.abs(frame).sum(axis=2)
+            residual += np.abs(frame).sum(axis=2)
         total += gradient(frame)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
     even: float | NDArray[np.float64] = 1.0 / detail.size
-    if missing.any():
-        even = np.asarray(cv2.boxFilter(missing, -1, (_MISSING_PX, _MISSING_PX)), np.float64)
-        even += _LEAST_MISSING * even.mean()
+    if residual.any():
+        even = np.asarray(cv2.boxFilter(residual, -1, 2 * (START.residual_px,)), np.float64)
+        even += START.residual_floor * even.mean()
         even /= even.sum()
-    share = _GRADIENT_SHARE if detail.any() else 0.0
+    share = START.gradient_share if detail.any() else 0.0
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
 
 
@@ -87,20 +72,20 @@ class _Start:
 
     def __init__(
         self,
-        frames: Frames,
-        taus: Float32Array,
+        footage: Footage,
         gaussians: int,
-        grid: tuple[int, int, int],
+        grid: GridSize,
         tracker: Tracker | None,
         rng: np.random.Generator,
+        backend: Backend,
         backdrop: Float32Array | None,
     ) -> None:
-        self._frames, self._taus, self._gaussians = frames, taus, gaussians
-        self._backdrop = backdrop
+        self._frames, self._taus, self._gaussians = footage.frames, footage.taus, gaussians
+        self._backend, self._backdrop = backend, backdrop
         self._tracker, self._rng = tracker, rng
-        self._size = frames.shape[2], frames.shape[1]
+        self._size = footage.size
         gx, gy, gt = grid
-        self._xy = rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32)
+        self._xy = rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32)
         self._xt = np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32)
         self._yt = np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32)
 
@@ -121,12 +106,12 @@ class _Start:
         if self._tracker is not None:
             linear, quadratic = self._tracker.motion(self._taus, index, points)
         tau = self._taus[index]
-        sigma = _SPREAD / np.sqrt(self._gaussians * where.ravel()[chosen])
+        sigma = START.spread / np.sqrt(self._gaussians * where.ravel()[chosen])
         return _Placed(
             frame=np.full(count, index),
             pixels=pixels,
             position=2 * points - 1 - linear * tau - quadratic * tau**2,
-            sigma=np.clip(sigma, *_SIGMA_RANGE).astype(np.float32),
+            sigma=np.clip(sigma, *START.sigma_range).astype(np.float32),
             linear=linear,
             quadratic=quadratic,
         )
@@ -134,20 +119,22 @@ class _Start:
     def coverage(self, placed: _Placed, index: int) -> Float32Array:
         """Sum of the weights of `placed` at each pixel of frame `index`, (H, W)."""
         unit = self.gop(placed, np.ones((len(placed.sigma), 3), np.float32))
-        return render_weights(unit, float(self._taus[index]), self._size)
+        prepared, tau = self._backend.prepare(unit), float(self._taus[index])
+        picture = self._backend.picture(prepared, tau, self._size, self._size)
+        return np.ascontiguousarray(picture[..., 0])
 
     def uncovered(self, placed: _Placed, index: int) -> Float32Array:
         """How bare of `placed` frame `index` is, (H, W) in [0, 1]."""
-        covered = cv2.boxFilter(self.coverage(placed, index), -1, (_HOLE_PX, _HOLE_PX))
-        return np.clip(1 - covered / _COVERED, 0, 1)
+        covered = cv2.boxFilter(self.coverage(placed, index), -1, 2 * (START.hole_px,))
+        return np.clip(1 - covered / START.covered, 0, 1)
 
     def colours(self, placed: _Placed) -> Float32Array:
-        """What each Gaussian's pixel shows, shared with the others there, (N, 3)."""
+        """Colour of the pixel that each Gaussian is placed on, over the weights there, (N, 3)."""
         colour = np.empty((len(placed.sigma), 3), np.float32)
         for index in np.unique(placed.frame):
             here = placed.frame == index
             x, y = placed.pixels[here].T
-            weight = np.maximum(self.coverage(placed, index)[y, x], 0.3)
+            weight = np.maximum(self.coverage(placed, index)[y, x], START.least_weight)
             wanted = self._frames[index, y, x] / 255.0
             if self._backdrop is not None:
                 wanted -= self._backdrop[y, x]
@@ -161,7 +148,7 @@ class _Start:
             log_scale=np.log(np.stack([placed.sigma, placed.sigma], 1)),
             rotation=np.zeros_like(placed.sigma),
             colour=colour,
-            indicator=np.full_like(placed.sigma, _INITIAL_INDICATOR),
+            indicator=np.full_like(placed.sigma, START.indicator),
             linear=placed.linear,
             quadratic=placed.quadratic,
             xy=self._xy,
@@ -171,37 +158,40 @@ class _Start:
 
 
 def content_aware(
-    frames: Frames,
-    taus: Float32Array,
+    footage: Footage,
     gaussians: int,
-    grid: tuple[int, int, int],
+    grid: GridSize,
     estimate: FlowEstimator | None,
     rng: np.random.Generator,
-    backdrop: Float32Array | None = None,
+    backend: Backend,
 ) -> Gop:
     """Start from the middle frame: more and smaller Gaussians where there is more detail.
 
-    What the middle frame does not show, because it is yet to appear or gone, starts from the
-    first and the last frame, where the moving Gaussians of the others leave holes.
+    Areas that the middle frame does not show start from the first and the last frame, where the
+    moving Gaussians of the others leave holes.
 
     Args:
-        frames: (F, H, W, 3) uint8 of the GOP.
-        taus: (F,) normalised times.
+        footage: frames to show.
         gaussians: N.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         estimate: flow that the Gaussians' polynomials are fitted to; None = at rest.
         rng: source of the sampling.
-        backdrop: (H, W, 3) what is drawn behind them, 1 is white; None = nothing.
+        backend: renders coverage and background.
     """
+    frames = footage.frames
     tracker = None if estimate is None else Tracker(frames, estimate)
-    start = _Start(frames, taus, gaussians, grid, tracker, rng, backdrop)
+    backdrop = None
+    if footage.background is not None:
+        prepared = backend.prepare(footage.background)
+        backdrop = backend.picture(prepared, 0.0, footage.size, footage.size)
+    start = _Start(footage, gaussians, grid, tracker, rng, backend, backdrop)
     where = density(frames, backdrop)
-    middle = int(np.abs(taus).argmin())
+    middle = int(np.abs(footage.taus).argmin())
     placed = start.place(middle, where, where, gaussians)
     for index in sorted({0, len(frames) - 1} - {middle}):
         here = density(frames[index : index + 1], backdrop)
         needed = here * start.uncovered(placed, index)
-        count = int(gaussians * min(needed.sum(), _HOLE_SHARE))
+        count = int(gaussians * min(needed.sum(), START.hole_share))
         if count:
             # In place of as many from the middle frame.
             from_middle = np.flatnonzero(placed.frame == middle)
@@ -211,9 +201,7 @@ def content_aware(
     return start.gop(placed, start.colours(placed))
 
 
-def random_start(
-    frames: Frames, gaussians: int, grid: tuple[int, int, int], rng: np.random.Generator
-) -> Gop:
+def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.Generator) -> Gop:
     """Start as the paper does: anywhere, at rest, in any colour."""
     height, width = frames.shape[1:3]
     gx, gy, gt = grid
@@ -230,7 +218,7 @@ def random_start(
         indicator=np.full(gaussians, 0.5, np.float32),
         linear=np.zeros((gaussians, 2), np.float32),
         quadratic=np.zeros((gaussians, 2), np.float32),
-        xy=rng.normal(0, _PLANE_NOISE, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
+        xy=rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
         xt=np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
         yt=np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
     )

@@ -11,6 +11,9 @@ from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 
+#: Stored numbers of one Gaussian of a background: position 2, scale 2, rotation, colour 3.
+BACKGROUND_PARAMETERS = 8
+
 _OF_GAUSSIANS = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
 
 

@@ -1,7 +1,7 @@
 """From a GOP's parameters to frames: one interface, several backends that agree.
 
-Backends: "native" (C++ on the CPU), `gsvrcodec.render.triton` (GPUs) and "reference" (torch
-float64, slow: the specification in code, which the others are tested against).
+Backends: `native` (C++ on the CPU), `triton` (GPUs) and `reference` (torch float64, slow: the
+specification in code, which the others are tested against).
 """
 
 from __future__ import annotations
@@ -9,21 +9,36 @@ from __future__ import annotations
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.render.backend import Backend, Codes, Prepared, Size
 
-Backend = Literal["native", "reference"]
-Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
+__all__ = ["Backend", "Codes", "Prepared", "Size", "backend_on", "empty_frames", "render_frames"]
+
+
+def backend_on(device: str, threads: int = 0) -> Backend:
+    """Return the backend of a device.
+
+    Args:
+        device: "cpu" or "cuda:N"; see `gsvrcodec.render.device.choose_device`.
+        threads: native threads; 0 = GSVR_THREADS or all cores. Does not change a result.
+    """
+    if device != "cpu":
+        from gsvrcodec.render.triton import TritonBackend
+
+        return TritonBackend(device)
+    from gsvrcodec.render.native import NativeBackend
+
+    return NativeBackend(threads)
 
 
 def render_frames(
     gop: Gop,
     taus: Float32Array,
-    size: tuple[int, int],
-    coded_size: tuple[int, int],
+    size: Size,
+    coded_size: Size,
     *,
-    backend: Backend = "native",
+    backend: Literal["native", "reference"] = "native",
     device: str = "cpu",
     bit_depth: int = 8,
     threads: int = 0,
@@ -53,33 +68,19 @@ def render_frames(
     """
     if not 8 <= bit_depth <= 16:
         raise ValueError(f"bit_depth must be 8 to 16, not {bit_depth}")
-    if device != "cpu":
-        from gsvrcodec.render import triton
-
-        codes: Codes = triton.render_codes(
-            gop, taus, size, coded_size, device=device, bit_depth=bit_depth, out=out
-        )
-        return codes
     if backend == "native":
-        from gsvrcodec.render import native
+        chosen = backend_on(device, threads)
+    elif backend == "reference":
+        from gsvrcodec.render.reference import ReferenceBackend
 
-        return native.render_frames(
-            gop, taus, size, coded_size, bit_depth=bit_depth, threads=threads, out=out
-        )
-    if backend == "reference":
-        from gsvrcodec.render import reference
-
-        frames = reference.render_frames(gop, taus, size, coded_size, bit_depth=bit_depth)
-        if out is None:
-            return frames
-        np.copyto(out, frames)
-        return out
-    raise ValueError(f"backend must be 'native' or 'reference', not {backend!r}")
+        chosen = ReferenceBackend()
+    else:
+        raise ValueError(f"backend must be 'native' or 'reference', not {backend!r}")
+    prepared = chosen.prepare(gop)
+    return chosen.render(prepared, taus, size, coded_size, bit_depth=bit_depth, out=out)
 
 
-def empty_frames(
-    count: int, size: tuple[int, int], *, bit_depth: int = 8, device: str = "cpu"
-) -> Codes:
+def empty_frames(count: int, size: Size, *, bit_depth: int = 8, device: str = "cpu") -> Codes:
     """Return room for `count` frames of `size` (width, height): (count, height, width, 3).
 
     An array; or a torch tensor on a GPU if `device` is one, although its type does not say so.

@@ -2,57 +2,121 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.native import _core
-from gsvrcodec.render import Codes
+from gsvrcodec.render.backend import Backend, Codes, Samples, Size
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
-def render_frames(
-    gop: Gop,
-    taus: Float32Array,
-    size: tuple[int, int],
-    coded_size: tuple[int, int],
-    *,
-    bit_depth: int = 8,
-    threads: int = 0,
-    out: Codes | None = None,
-) -> Codes:
-    """Render frames of one GOP; see `gsvrcodec.render.render_frames`."""
-    width, height = size
-    shape, dtype = (len(taus), height, width, 3), np.dtype("u1" if bit_depth == 8 else "u2")
-    if out is None:
-        out = np.empty(shape, np.uint8) if bit_depth == 8 else np.empty(shape, np.uint16)
-    elif out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
-        raise ValueError(f"out must be a C-contiguous {dtype} array of shape {shape}")
-    if bit_depth == 8:
-        _core.render_rgb8(parameters(gop), taus, out, *coded_size, threads)
+class NativeBackend(Backend):
+    """Renders on the CPU; the result does not depend on the number of threads."""
+
+    device = "cpu"
+
+    def __init__(self, threads: int = 0) -> None:
+        """Use so many native threads; 0 = GSVR_THREADS or all cores."""
+        self._threads = threads
+
+    def prepare(self, gop: Gop) -> _core.Parameters:
+        """Return the core's view of a GOP: no copy, shapes checked."""
+        return parameters(gop)
+
+    def render(
+        self,
+        prepared: _core.Parameters,
+        taus: Float32Array,
+        size: Size,
+        coded_size: Size,
+        *,
+        bit_depth: int = 8,
+        out: Codes | None = None,
+    ) -> Codes:
+        """Render frames of a prepared GOP."""
+        width, height = size
+        shape, dtype = (len(taus), height, width, 3), np.dtype("u1" if bit_depth == 8 else "u2")
+        if out is None:
+            out = np.empty(shape, np.uint8) if bit_depth == 8 else np.empty(shape, np.uint16)
+        elif out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+            raise ValueError(f"out must be a C-contiguous {dtype} array of shape {shape}")
+        if bit_depth == 8:
+            _core.render_rgb8(prepared, taus, out, *coded_size, self._threads)
+            return out
+        values = np.empty((1, *shape[1:]), np.float32)
+        for frame, tau in zip(out, taus[:, None], strict=True):
+            _core.render_float(prepared, tau, values, *coded_size, self._threads)
+            frame[:] = np.clip(values[0], 0, 1) * (2**bit_depth - 1) + 0.5
         return out
-    values = np.empty((1, *shape[1:]), np.float32)
-    for frame, tau in zip(out, taus[:, None], strict=True):
-        _core.render_float(parameters(gop), tau, values, *coded_size, threads)
-        frame[:] = np.clip(values[0], 0, 1) * (2**bit_depth - 1) + 0.5
-    return out
+
+    def picture(
+        self, prepared: _core.Parameters, tau: float, size: Size, coded_size: Size
+    ) -> Float32Array:
+        """Render one frame, (H, W, 3), neither clamped nor rounded."""
+        width, height = size
+        out = np.empty((1, height, width, 3), np.float32)
+        taus = np.array([tau], np.float32)
+        _core.render_float(prepared, taus, out, *coded_size, self._threads)
+        picture: Float32Array = out[0]
+        return picture
+
+    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+        """Return the gradient of sum(weights * picture) in place of each parameter."""
+        gradient = Gop(**{name: np.empty_like(getattr(gop, name)) for name in Gop.__slots__})
+        core = parameters(gop), tau, weights, *coded_size, parameters(gradient), self._threads
+        _core.backward_float(*core)
+        return gradient
+
+    def squared_error(
+        self,
+        parameters: Mapping[str, Tensor],
+        tau: float,
+        target: Samples,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> tuple[float, Sequence[Tensor]]:
+        """Render, compare and differentiate in one call of the core."""
+        values = list(parameters.values())
+        gradients = [value.new_empty(value.shape) for value in values]
+        error = _core.squared_error(
+            _core.Parameters(*values),
+            tau,
+            target,
+            *coded_size,
+            _core.Parameters(*gradients),
+            self._threads,
+            backdrop,
+        )
+        return error, gradients
+
+    def adam_step(
+        self,
+        value: Tensor,
+        gradient: Tensor,
+        mean: Tensor,
+        square: Tensor,
+        rates: Tensor,
+        factor: float,
+        betas: tuple[float, float],
+        epsilon: float,
+        step: int,
+    ) -> None:
+        """Take one step of Adam in place."""
+        _core.adam_step(
+            value, gradient, mean, square, rates * factor, *betas, epsilon, step, self._threads
+        )
 
 
 def parameters(gop: Gop) -> _core.Parameters:
-    """The core's view of a GOP: no copy, shapes checked."""
+    """Return the core's view of a GOP: no copy, shapes checked."""
     return _core.Parameters(*(getattr(gop, name) for name in Gop.__slots__))
 
 
-def render_linear(
-    gop: Gop, tau: float, size: tuple[int, int], coded_size: tuple[int, int], threads: int = 0
-) -> Float32Array:
-    """Render one frame, (H, W, 3), neither clamped nor rounded."""
-    width, height = size
-    out = np.empty((1, height, width, 3), np.float32)
-    taus = np.array([tau], np.float32)
-    _core.render_float(parameters(gop), taus, out, *coded_size, threads)
-    picture: Float32Array = out[0]
-    return picture
-
-
-def render_weights(gop: Gop, tau: float, size: tuple[int, int]) -> Float32Array:
-    """Sum of red weights at each pixel, (H, W): neither clamped nor rounded."""
-    return np.ascontiguousarray(render_linear(gop, tau, size, size)[..., 0])
+def resolve_threads(wanted: int) -> int:
+    """Return how many native threads `wanted` stands for; 0 = GSVR_THREADS or all cores."""
+    return _core.resolve_threads(wanted)

@@ -6,7 +6,7 @@ Slow on purpose: each Gaussian is evaluated at each pixel, in whatever dtype the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.pyramid import LEVELS, level_of, level_size, zoom
-from gsvrcodec.render import Codes
+from gsvrcodec.render.backend import Backend, Codes, Samples, Size
 
 MIN_SCALE = 0.1  #: px of the coded frame
 DILATION = 0.1  #: px^2 of the coded frame
@@ -141,22 +141,104 @@ def render(
     return picture
 
 
-def render_frames(
-    gop: Gop,
-    taus: Float32Array,
-    size: tuple[int, int],
-    coded_size: tuple[int, int],
-    *,
-    bit_depth: int = 8,
-) -> Codes:
-    """Render frames of one GOP in float64; see `gsvrcodec.render.render_frames`."""
-    parameters = {
-        name: torch.tensor(getattr(gop, name), dtype=torch.float64) for name in Gop.__slots__
-    }
-    white = 2**bit_depth - 1
-    frames = [
-        (render(parameters, float(tau), size, coded_size).clamp(0, 1) * white + 0.5).floor()
-        for tau in taus
-    ]
-    codes: NDArray[np.float64] = torch.stack(frames).numpy()
-    return codes.astype(np.uint8) if bit_depth == 8 else codes.astype(np.uint16)
+class ReferenceBackend(Backend):
+    """The equations in float64, on the CPU; slow."""
+
+    device = "cpu"
+
+    def prepare(self, gop: Gop) -> dict[str, Tensor]:
+        """Return the parameters in float64."""
+        return {
+            name: torch.tensor(getattr(gop, name), dtype=torch.float64) for name in Gop.__slots__
+        }
+
+    def render(
+        self,
+        prepared: Mapping[str, Tensor],
+        taus: Float32Array,
+        size: Size,
+        coded_size: Size,
+        *,
+        bit_depth: int = 8,
+        out: Codes | None = None,
+    ) -> Codes:
+        """Render frames of a prepared GOP."""
+        white = 2**bit_depth - 1
+        frames = [
+            (render(prepared, float(tau), size, coded_size).clamp(0, 1) * white + 0.5).floor()
+            for tau in taus
+        ]
+        values: NDArray[np.float64] = torch.stack(frames).numpy()
+        codes = values.astype(np.uint8) if bit_depth == 8 else values.astype(np.uint16)
+        if out is None:
+            return codes
+        np.copyto(out, codes)
+        return out
+
+    def picture(
+        self, prepared: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
+    ) -> Float32Array:
+        """Render one frame, (H, W, 3), neither clamped nor rounded."""
+        picture: Float32Array = render(prepared, tau, size, coded_size).float().numpy()
+        return picture
+
+    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+        """Return the gradient of sum(weights * picture) in place of each parameter."""
+        size = weights.shape[1], weights.shape[0]
+        leaves = _leaves(self.prepare(gop))
+        total = (render(leaves, tau, size, coded_size) * torch.from_numpy(weights)).sum()
+        gradients = _gradients(total, leaves)
+        return Gop(**{name: g.float().numpy() for name, g in zip(leaves, gradients, strict=True)})
+
+    def squared_error(
+        self,
+        parameters: Mapping[str, Tensor],
+        tau: float,
+        target: Samples,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> tuple[float, Sequence[Tensor]]:
+        """Return the mean squared error of one clamped frame and its gradients."""
+        leaves = _leaves(parameters)
+        picture = render(leaves, tau, (target.shape[1], target.shape[0]), coded_size)
+        if backdrop is not None:
+            picture = picture + torch.from_numpy(backdrop)
+        shown = picture + (picture.clamp(0, 1) - picture).detach()
+        error = (shown - torch.from_numpy(target) / 255).square().mean()
+        gradients = _gradients(error, leaves)
+        return float(error), [
+            gradient.to(values.dtype)
+            for gradient, values in zip(gradients, parameters.values(), strict=True)
+        ]
+
+    def adam_step(
+        self,
+        value: Tensor,
+        gradient: Tensor,
+        mean: Tensor,
+        square: Tensor,
+        rates: Tensor,
+        factor: float,
+        betas: tuple[float, float],
+        epsilon: float,
+        step: int,
+    ) -> None:
+        """Take one step of Adam in place."""
+        beta1, beta2 = betas
+        mean.mul_(beta1).add_((1 - beta1) * gradient)
+        square.mul_(beta2).add_((1 - beta2) * gradient.square())
+        root = (square / (1 - beta2**step)).sqrt() + epsilon
+        value.sub_(factor * rates * mean / (1 - beta1**step) / root)
+
+
+def _leaves(parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Copies in float64 whose gradients are wanted."""
+    return {name: value.detach().double().requires_grad_() for name, value in parameters.items()}
+
+
+def _gradients(total: Tensor, leaves: Mapping[str, Tensor]) -> list[Tensor]:
+    """Gradients of a sum; zeros for what it does not depend on."""
+    values = list(leaves.values())
+    if not total.requires_grad:
+        return [torch.zeros_like(value) for value in values]
+    return list(torch.autograd.grad(total, values, allow_unused=True, materialize_grads=True))

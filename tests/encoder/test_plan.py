@@ -21,9 +21,9 @@ from gsvrcodec.encoder.plan import (
     plan,
     triplane_grid,
 )
-from gsvrcodec.encoder.settings import EncodeSettings, Profile
+from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.options import Deform, Profile
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS
 
 LENGTHS = st.lists(st.integers(1, 60), min_size=1, max_size=12)

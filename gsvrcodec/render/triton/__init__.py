@@ -5,19 +5,21 @@ Needs CUDA (or ROCm, which is not tested), or TRITON_INTERPRET=1 to run on the C
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
 import triton
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.render.backend import Backend, Samples, Size
 from gsvrcodec.render.triton.adam import NUMBERS, adam_update
-from gsvrcodec.render.triton.launch import Parameters, Pass, Size, on_device, scratch_bytes
+from gsvrcodec.render.triton.launch import Parameters, Pass, on_device, scratch_bytes
 
 #: Scratch memory that frames rendered together may take.
 _PASS_BYTES = 2**30
@@ -44,15 +46,19 @@ def upload(gop: Gop, device: torch.device) -> dict[str, Tensor]:
     Any order gives the same pictures, but for rounding.
     """
     with memory_checked("hold a GOP"):
-        tensors = {
-            name: torch.from_numpy(np.ascontiguousarray(getattr(gop, name))).to(device)
-            for name in Gop.__slots__
-        }
+        tensors = _copied(gop, device)
         cell = ((tensors["position"] + 1) * (0.5 * _TILES)).nan_to_num().long().clamp(0, _TILES - 1)
         order = torch.argsort(cell[:, 1] * _TILES + cell[:, 0], stable=True)
         return {
             name: tensor if name in _GRIDS else tensor[order] for name, tensor in tensors.items()
         }
+
+
+def _copied(gop: Gop, device: torch.device) -> dict[str, Tensor]:
+    return {
+        name: torch.from_numpy(np.ascontiguousarray(getattr(gop, name))).to(device)
+        for name in Gop.__slots__
+    }
 
 
 def render(
@@ -83,36 +89,6 @@ def render(
         for first in range(0, len(taus), together):
             part = slice(first, first + together)
             Pass(parameters, taus[part], size, coded_size).codes(out[part], 2.0**bit_depth - 1)
-
-
-def render_codes(
-    gop: Gop,
-    taus: Float32Array,
-    size: Size,
-    coded_size: Size,
-    *,
-    device: str,
-    bit_depth: int = 8,
-    out: Any = None,
-) -> Any:
-    """Render frames of one GOP on a device; see `gsvrcodec.render.render_frames`.
-
-    Returns `out`, an array or a tensor on that device; or a new array.
-    """
-    place = torch.device(device)
-    shape = (len(taus), size[1], size[0], 3)
-    on_device = isinstance(out, Tensor)
-    frames = out if on_device else empty_codes(shape, bit_depth, device)
-    if out is not None and tuple(out.shape) != shape:
-        raise ValueError(f"out must be of shape {shape}, not {tuple(out.shape)}")
-    times = torch.from_numpy(np.ascontiguousarray(taus, np.float32)).to(place)
-    render(upload(gop, place), times, size, coded_size, bit_depth=bit_depth, out=frames)
-    if on_device:
-        return out
-    if out is None:
-        return frames.numpy(force=True)
-    np.copyto(out, frames.numpy(force=True), casting="no")
-    return out
 
 
 def empty_codes(shape: tuple[int, ...], bit_depth: int, device: str) -> Tensor:
@@ -194,3 +170,98 @@ def adam_step(
             1 / (1 - beta2**step),
             epsilon,
         )
+
+
+class TritonBackend(Backend):
+    """Renders on one GPU, or in Triton's interpreter."""
+
+    def __init__(self, device: str) -> None:
+        """Render on "cuda:N"; on "cpu" if Triton interprets."""
+        self.device = device
+        self._place = torch.device(device)
+
+    def prepare(self, gop: Gop) -> dict[str, Tensor]:
+        """Copy a GOP to the device, in the order that is rendered fastest."""
+        return upload(gop, self._place)
+
+    def render(
+        self,
+        prepared: Parameters,
+        taus: Float32Array,
+        size: Size,
+        coded_size: Size,
+        *,
+        bit_depth: int = 8,
+        out: Any = None,
+    ) -> Any:
+        """Render frames of a prepared GOP.
+
+        Returns `out`, an array or a tensor on the device; or a new array.
+        """
+        shape = (len(taus), size[1], size[0], 3)
+        in_place = isinstance(out, Tensor)
+        frames = out if in_place else empty_codes(shape, bit_depth, self.device)
+        if out is not None and tuple(out.shape) != shape:
+            raise ValueError(f"out must be of shape {shape}, not {tuple(out.shape)}")
+        times = self._times(taus)
+        render(prepared, times, size, coded_size, bit_depth=bit_depth, out=frames)
+        if in_place:
+            return out
+        if out is None:
+            return frames.numpy(force=True)
+        np.copyto(out, frames.numpy(force=True), casting="no")
+        return out
+
+    def picture(
+        self, prepared: Parameters, tau: float, size: Size, coded_size: Size
+    ) -> Float32Array:
+        """Render one frame, (H, W, 3), neither clamped nor rounded."""
+        with memory_checked(f"render at {size[0]}x{size[1]}"):
+            floats = Pass(prepared, self._times([tau]), size, coded_size).floats()
+        picture: Float32Array = floats[0].numpy(force=True)
+        return picture
+
+    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+        """Return the gradient of sum(weights * picture) in place of each parameter."""
+        size = weights.shape[1], weights.shape[0]
+        with memory_checked(f"differentiate {len(gop)} Gaussians at {size[0]}x{size[1]}"):
+            run = Pass(_copied(gop, self._place), self._times([tau]), size, coded_size)
+            run.set_gradient(self.upload(weights[None]))
+            found = run.gradients()
+        return Gop(**{name: found[name].numpy(force=True) for name in Gop.__slots__})
+
+    def squared_error(
+        self,
+        parameters: Parameters,
+        tau: float,
+        target: Samples,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> tuple[Tensor, Sequence[Tensor]]:
+        """Return the mean squared error of one clamped frame and its gradients."""
+        times = torch.full((1,), tau, device=self._place)
+        loss, named = squared_error(parameters, times, target[None], coded_size, backdrop)
+        return loss, [named[name] for name in parameters]
+
+    def adam_step(
+        self,
+        value: Tensor,
+        gradient: Tensor,
+        mean: Tensor,
+        square: Tensor,
+        rates: Tensor,
+        factor: float,
+        betas: tuple[float, float],
+        epsilon: float,
+        step: int,
+    ) -> None:
+        """Take one step of Adam in place."""
+        adam_step(value, gradient.contiguous(), mean, square, rates, factor, betas, epsilon, step)
+
+    def upload(self, samples: NDArray[Any]) -> Tensor:
+        """Copy frames or a picture to the device."""
+        with memory_checked(f"hold samples of shape {samples.shape}"):
+            return torch.from_numpy(np.ascontiguousarray(samples)).to(self._place)
+
+    def _times(self, taus: Float32Array | list[float]) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(taus, np.float32)).to(self._place)

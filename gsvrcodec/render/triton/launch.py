@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Gop
 from gsvrcodec.model.pyramid import LEVEL_SCALE, LEVELS, level_size, zoom
+from gsvrcodec.render.backend import Size
 from gsvrcodec.render.triton.deform import project
 from gsvrcodec.render.triton.deform_backward import deform_backward
 from gsvrcodec.render.triton.geometry import BLOCK, END, SPLAT
@@ -21,7 +22,6 @@ from gsvrcodec.render.triton.pyramid import SAMPLES, fold, residual, spread, to_
 from gsvrcodec.render.triton.raster import gather, rasterise, tiles_of
 
 Parameters = Mapping[str, Tensor]  #: the fields of `Gop`, float32 and contiguous, on one device
-Size = tuple[int, int]
 
 #: Blocks or Gaussians that a program looks at together.
 CHUNK = 256

@@ -1,0 +1,79 @@
+"""Budget of one GOP: Gaussians, tri-plane, a size or a quality to meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import TRIPLANE
+from gsvrcodec.errors import UsageError
+from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
+
+#: Stored numbers a pixel and frame by default: the paper's 3M for its clip.
+DEFAULT_DENSITY = 3e6 / (132 * 1280 * 640)
+#: Cells of the paper's tri-plane in x and y.
+_PAPER_GRID = (32, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What one GOP is to take and to reach."""
+
+    gaussians: int  #: N; with `target_psnr` a first guess
+    target_bytes: int | None = None  #: of the payload; None = not asked for
+    target_psnr: float | None = None  #: dB, mean of the frames; None = not asked for
+    grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
+
+
+def most_gaussians(size: tuple[int, int]) -> int:
+    """One Gaussian for each two pixels of a frame."""
+    return max(1, size[0] * size[1] // 2)
+
+
+def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> GridSize:
+    """Gx, Gy, Gt of a GOP of `frames` frames of `size` (width, height); zeros for no tri-plane."""
+    if settings.deform == "polynomial":
+        return 0, 0, 0
+    if settings.profile == "paper":
+        return *_PAPER_GRID, max(1, frames // 2)
+    low, high = TRIPLANE.cells
+    cell = max(size) / min(high, max(low, max(size) / TRIPLANE.cell_px))
+    gx, gy = (min(high, max(low, round(side / cell))) for side in size)
+    return gx, gy, frames
+
+
+def grid_parameters(grid: GridSize) -> int:
+    """Stored numbers of a tri-plane."""
+    gx, gy, gt = grid
+    return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)
+
+
+def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
+    """Gaussians of each GOP, when no size and no quality is asked for.
+
+    Parameters are shared by length: every frame has as many. A GOP has at least one Gaussian, and
+    at most one for each two pixels of a frame.
+
+    Raises:
+        UsageError: `params` does not even hold the tri-planes.
+    """
+    width, height = size
+    most = most_gaussians(size)
+    if settings.gaussians is not None:
+        return [settings.gaussians] * len(gops)
+    frames = sum(len(gop) for gop in gops)
+    total = settings.params or round(DEFAULT_DENSITY * width * height * frames)
+    planes = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
+    left = total - sum(planes)
+    if settings.params is None:
+        # The tri-planes of a small picture may take more than their share: half is for Gaussians.
+        left = max(left, total // 2, GAUSSIAN_PARAMETERS * len(gops))
+    elif left < GAUSSIAN_PARAMETERS * len(gops):
+        raise UsageError(
+            f"{total} parameters are too few: {len(gops)} GOPs need {sum(planes)} for their "
+            f"deformation fields and {GAUSSIAN_PARAMETERS} for each Gaussian; "
+            "raise --params or use longer GOPs"
+        )
+    spare = left // GAUSSIAN_PARAMETERS - len(gops)
+    return [min(most, 1 + spare * len(gop) // frames) for gop in gops]

@@ -1,0 +1,109 @@
+"""Constants of the encoder around a fit that were found by trying, by topic.
+
+Each topic says what it was measured on. "Six clips" are Bunny and those of
+`tests/benchmarks/clips.py`; "Bunny" is the benchmark clip alone, so that other video may want
+another value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class _Analysis:
+    """Frame statistics. Ten clips at 0.1 bpp, GOPs of 4 to 36 frames; clips-gop.json."""
+
+    height: int = 180  #: rows that frames are analysed at, so that motion is free of resolution
+    threshold: float = 24.0  #: accumulated motion at which a GOP ends, px of the analysed frame
+    #: A cut changes the picture at once: the histograms of the frames correlate less than this,
+    cut_correlation: float = 0.75
+    cut_difference: float = 18.0  #: the mean difference is more than this, 8-bit codes,
+    cut_ratio: float = 4.0  #: and more than so many times the usual one
+
+
+@dataclass(frozen=True, slots=True)
+class _GopLength:
+    """Longest adaptive GOP. Bunny at 0.015 to 0.11 bpp; bunny-rate-2s.json."""
+
+    shortest: int = 32  #: frames, at a high rate
+    longest: int = 128  #: frames, at a low rate
+    frames_bpp: float = 3.2  #: frames of the longest GOP times bpp, between the two
+
+
+@dataclass(frozen=True, slots=True)
+class _Rate:
+    """How bits, Gaussians and quality go together. Bunny; other clips differ by some dB."""
+
+    #: bits of the payload for each Gaussian, all planes counted, at the best trade of their number
+    #: against their steps: nearly the same from 0.01 to 0.1 bpp
+    gaussian_bits: float = 70.0
+    #: mean squared error = error * complexity / bpp**fall, where the complexity of frames is their
+    #: change + detail_share * detail
+    error: float = 0.05
+    fall: float = 0.77
+    detail_share: float = 0.06
+    #: 1 = every GOP gets bytes for the same quality; 0 = every frame gets as many, which is best
+    #: for their mean PSNR
+    evenness: float = 0.5
+    most_unequal: float = 8.0  #: largest ratio of a GOP's bytes a frame to the mean, and inversely
+    least_gop_bytes: int = 1500  #: payload of a GOP that is hardly more than its tables
+
+
+@dataclass(frozen=True, slots=True)
+class _TriPlane:
+    """Size of the tri-plane. Bunny, cup, portrait and flower at 0.015 to 0.02 bpp."""
+
+    cell_px: float = 20.0  #: side of a cell, px of the coded frame
+    cells: tuple[int, int] = (4, 64)  #: fewest and most cells of a side
+    #: A tri-plane of more numbers than this fraction of the Gaussians' gets half the cells a side:
+    #: +0.4 to +0.6 dB at equal size on three clips; below it, cells would cost up to 0.2 dB.
+    dear: float = 0.2
+    #: A GOP of less motion than this (px of the analysed frame) with more pixels of all frames for
+    #: each Gaussian than `sparse` gets half the cells in time too: 4 % fewer bits on Bunny.
+    slow: float = 0.22
+    sparse: float = 2000.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Background:
+    """Static runs of GOPs and their backgrounds. soccer, tree, cup, chaplin, nasa."""
+
+    gop_samples: int = 4  #: frames of a GOP that are looked at
+    most_samples: int = 16  #: frames of a run that are looked at
+    longest_frames: int = 400  #: frames that share a background, because light changes
+    #: A pixel is static where its mean squared change is less than this fraction of its variance,
+    change_share: float = 0.25
+    change_codes: float = 20.0  #: or less than so many squared 8-bit codes
+    box_px: int = 9  #: box size of change and variance, px
+    blur_px: float = 8.0  #: sigma of the blur over moving areas of the picture, px
+    #: least fraction of the detail that has to be static, in the run and in each of its GOPs; with
+    #: 0.35 chaplin lost 0.1 dB and nasa 0.8 dB
+    least_share: float = 0.6
+    #: The background gets s / (1 + s) of the bits of its run, s = weight * (static detail / other
+    #: detail) * GOPs**power. From 0.25 to 0.8 the weight hardly changes PSNR; less leaves more to
+    #: what moves.
+    weight: float = 0.3
+    power: float = -0.435
+    most: float = 0.75  #: largest fraction of the bits
+    gaussian_bits: float = 48.0  #: bits for each Gaussian of a background, which has no motion
+    time_share: float = 0.12  #: fraction of the time of its GOPs that its fit takes
+    gain: float = 1.0  #: dB of a quality target above its GOPs, because all of them share it
+
+
+@dataclass(frozen=True, slots=True)
+class _Processes:
+    """When several processes pay. 2 cores of an AMD EPYC."""
+
+    step_seconds: float = 15e-9  #: time of an optimiser step for each pixel of its frame
+    least_seconds: float = 10.0  #: a shorter encode is done by one process before others start
+    process_bytes: int = 300 * 2**20  #: memory of a process; 240 MB measured
+    fit_bytes: int = 7  #: memory of a fit for each byte of its frames; 6 measured
+
+
+ANALYSIS = _Analysis()
+GOP_LENGTH = _GopLength()
+RATE = _Rate()
+TRIPLANE = _TriPlane()
+BACKGROUND = _Background()
+PROCESSES = _Processes()

@@ -1,0 +1,127 @@
+"""One fit: frames in, Gaussians out, before quantisation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from statistics import fmean
+
+import numpy as np
+import torch
+
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.optimise import Effort, optimise
+from gsvrcodec.fit.options import FitOptions
+from gsvrcodec.fit.qat import fake_quantiser
+from gsvrcodec.fit.recipe import MAIN, PAPER
+from gsvrcodec.fit.start import content_aware, random_start
+from gsvrcodec.fit.tuned import EFFORT, STAGED
+from gsvrcodec.metrics import psnr
+from gsvrcodec.model.background import together
+from gsvrcodec.model.gop import Gop, GridSize
+from gsvrcodec.model.quantise import PAPER_BITS
+from gsvrcodec.render.backend import Backend
+
+
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """How long to optimise."""
+
+    steps: float  #: optimiser steps, without `seconds`
+    seconds: float | None  #: wall time; None = by steps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A fitted GOP before quantisation."""
+
+    gop: Gop
+    psnr: float  #: dB, mean of the frames
+    steps: float  #: optimiser steps taken, or foreseen by a time budget
+    tuning: Allowance | None  #: left for tuning under quantisation; None = no tuning
+
+
+def fit_gop(
+    footage: Footage,
+    gaussians: int,
+    grid: GridSize,
+    options: FitOptions,
+    allowance: Allowance,
+    backend: Backend,
+    *,
+    seed: tuple[int, ...],
+) -> Fit:
+    """Fit Gaussians to frames.
+
+    The same arguments give the same result in any process, unless there is a wall time.
+
+    Args:
+        footage: frames to show, and the background behind the Gaussians.
+        gaussians: N.
+        grid: Gx, Gy, Gt of the tri-plane; zeros for none.
+        options: profile, deformation field, flow.
+        allowance: steps or wall time of start, fit and tuning together.
+        backend: the renderer.
+        seed: of every random choice.
+    """
+    began = time.perf_counter()
+    paper = options.profile == "paper"
+    rng = np.random.default_rng(seed)
+    if paper:
+        start = random_start(footage.frames, gaussians, grid, rng)
+    else:
+        flow = None if options.deform == "triplane" else flow_estimator(options.flow)
+        start = content_aware(footage, gaussians, grid, flow, rng, backend)
+    field = Field(start, options.deform, backend, footage.background)
+    tuning_share = STAGED.effort if options.tune and not paper else 0.0
+    main_seconds = tuning_seconds = None
+    if allowance.seconds is not None:
+        left = allowance.seconds - (time.perf_counter() - began)
+        main_seconds = max(0.1, (1 - tuning_share) * left)
+        tuning_seconds = max(0.1, tuning_share * left)
+    steps = max(EFFORT.least_steps, round((1 - tuning_share) * allowance.steps))
+    effort = Effort(steps, main_seconds)
+    with single_torch_thread():
+        optimise(
+            field,
+            footage,
+            PAPER if paper else MAIN,
+            effort,
+            rng,
+            quantise=fake_quantiser(PAPER_BITS) if paper and options.tune else None,
+            quantise_from=EFFORT.qat_from,
+        )
+    gop = field.gop()
+    tuning = None
+    if tuning_share:
+        tuning_steps = max(EFFORT.least_tuning_steps, round(tuning_share * allowance.steps))
+        tuning = Allowance(tuning_steps, tuning_seconds)
+    return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning)
+
+
+def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:
+    """Mean PSNR over the frames of `gop` in front of the background, dB."""
+    if footage.background is not None:
+        gop = together(gop, footage.background)
+    prepared = backend.prepare(gop)
+    values: list[float] = []
+    for begin in range(0, len(footage.frames), EFFORT.measured_frames):
+        part = slice(begin, begin + EFFORT.measured_frames)
+        pictures = backend.render(prepared, footage.taus[part], footage.size, footage.size)
+        values += map(psnr, pictures, footage.frames[part])
+    return fmean(values)
+
+
+@contextmanager
+def single_torch_thread() -> Iterator[None]:
+    """Keep torch's own threads from spinning beside the core's."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,32 @@
+"""The frames that a fit has to show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array, Gop
+
+Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footage:
+    """Frames of one GOP, or one picture that many GOPs share."""
+
+    frames: Frames  #: (F, H, W, 3) RGB
+    taus: Float32Array  #: (F,) normalised times
+    background: Gop | None = None  #: static Gaussians drawn behind the fitted ones
+    shown: int = 1  #: frames of the film that show each of these; over 1 for a background
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.frames.shape[2], self.frames.shape[1]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all frames of the film that show this footage."""
+        return self.shown * self.frames[..., 0].size

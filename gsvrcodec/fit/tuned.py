@@ -1,0 +1,150 @@
+"""Constants of a fit that were found by trying, by topic. The optimiser's are in `recipe`.
+
+Each topic says what it was measured on. "Six clips" are Bunny and those of
+`tests/benchmarks/clips.py`; "Bunny" is the benchmark clip alone, so that other video may want
+another value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class _Effort:
+    """Steps and time of a fit. Ladder of presets: Bunny, `bunny time slow`, bunny-time.json."""
+
+    #: visits of each frame, by preset
+    frame_visits: Mapping[str, int] = field(
+        default_factory=lambda: {
+            "fastest": 12,
+            "fast": 40,
+            "medium": 100,
+            "slow": 400,
+            "slowest": 1000,
+        }
+    )
+    least_steps: int = 100  #: of a fit
+    least_tuning_steps: int = 30  #: of all stages of the quantisation together
+    #: visits of a background's one picture, for each visit that a frame gets; and its least steps
+    background_visits: int = 16
+    least_background_steps: int = 200
+    #: fraction of a wall-time budget for start, fit and tuning; packing takes the rest
+    fitting_share: float = 0.92
+    qat_from: float = 0.9  #: fraction of the effort after which `paper` fits quantised values
+    measured_frames: int = 8  #: frames rendered together to measure a PSNR
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Where Gaussians start. Bunny."""
+
+    gradient_share: float = 0.7  #: fraction of the Gaussians spread by gradient, the rest evenly
+    spread: float = 0.45  #: standard deviation of a Gaussian, in distances to its neighbours
+    sigma_range: tuple[float, float] = (0.6, 20.0)  #: px
+    hole_share: float = 0.2  #: most Gaussians that start in the first frame, and in the last
+    hole_px: int = 9  #: box size of the coverage, px
+    residual_px: int = 9  #: box size of the residual density, px
+    residual_floor: float = 0.05  #: least residual density, in its mean
+    covered: float = 0.6  #: sum of weights at which a place needs no more Gaussians; usual is 1.3
+    least_weight: float = 0.3  #: least sum of weights that a colour is divided by
+    indicator: float = 0.88  #: dynamic indicator of all
+    plane_noise: float = 0.0025  #: standard deviation of the spatial grid
+
+
+@dataclass(frozen=True, slots=True)
+class _Tracks:
+    """Points followed by optical flow. Bunny."""
+
+    flow_height: int = 480  #: most rows of the frames that flow is estimated between
+    #: A step is doubted when the way there and back misses by more than this (px^2), or by more
+    #: than this fraction of the squared lengths of both.
+    miss_px2: float = 0.5
+    miss_share: float = 0.01
+    doubted: float = 0.3  #: factor of the trust after a doubted step, or a step out of the frame
+    #: regularisation that keeps at rest what the tracks hardly determine: the bend of two frames,
+    #: frames at nearly the same time, points that are lost at once
+    ridge: float = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class _Relocation:
+    """Weak Gaussians moved to where the error is. Bunny; without it the six clips lose 0.14 dB."""
+
+    share: float = 0.1  #: fraction of the Gaussians that moves
+    frames: int = 5  #: frames whose error is looked at
+    sigma_range: tuple[float, float] = (0.5, 3.0)  #: px, of a Gaussian that has moved
+    error_box_px: int = 3  #: box size of the squared error, px
+
+
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """Quantiser steps by equal slopes. Bunny at 0.01 to 0.1 bpp; bunny-rate-2s.json."""
+
+    #: largest step, however little depends on the attribute
+    largest: Mapping[str, float] = field(
+        default_factory=lambda: {
+            "position": 1 / 64,
+            "log_scale": 0.25,
+            "rotation": math.pi / 8,
+            "colour": 0.05,
+            "indicator": 0.25,
+            "linear": 1 / 64,
+            "quadratic": 1 / 64,
+            "xy": 0.5,
+            "xt": 0.5,
+            "yt": 0.5,
+        }
+    )
+    smallest: float = 6e-5  #: positions all over a frame have to fit into 16 bits
+    #: squared 8-bit codes that rounding one parameter costs over a whole GOP, at qscale 1
+    unit: float = 100.0
+    #: squared error of rounding, in that of the fit, which costs 0.2 dB after tuning
+    usual_share: float = 0.06
+    #: factor of the equal-slope step: attributes rounded later make up for this one
+    coarser: Mapping[str, float] = field(default_factory=lambda: {"log_scale": 1.5})
+    frames: int = 8  #: frames that sensitivities are measured in
+    #: squared 8-bit codes that the motion of a static Gaussian may be worth at qscale 1: what some
+    #: ten bits buy elsewhere, at the slope of the steps (2 ln 2 times `unit` for each)
+    static_worth: float = 1500.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Staged:
+    """Staged quantisation. Bunny, 24 frames, 15 000 Gaussians: +0.35 dB at equal size."""
+
+    effort: float = 0.12  #: fraction of the effort that goes into tuning
+    rates: float = 0.05  #: factor of the recipe's rates at the beginning of a stage
+
+
+@dataclass(frozen=True, slots=True)
+class _RateControl:
+    """Meeting a size or a quality. Bunny and the samples."""
+
+    octave: float = 2.3  #: dB gained by twice as many Gaussians
+    pilot: float = 1 / 6  #: fraction of the effort of the pilot fit, which tells the number
+    #: pilot deficit: 119 * steps**-0.65 dB below a whole fit
+    deficit: tuple[float, float] = (119.0, -0.65)
+    rounding_loss: float = 0.4  #: dB lost by rounding at sensible steps
+    #: PSNR before rounding that suits a target, beyond `rounding_loss`, dB; outside of it there is
+    #: another fit, which aims at the middle, but no more than `refits`
+    spare: tuple[float, float] = (-0.2, 0.8)
+    refits: int = 4
+    loss_left: float = 0.62  #: fraction of the quantisation loss left after tuning, at first
+    tunings: int = 3  #: most trials of the qscale with tuning
+    near: float = 0.04  #: dB by which a quality may be missed
+    size_room: float = 0.003  #: fraction of a size kept free for what tuning may add
+    #: range of the qscale
+    finest: float = 0.1
+    coarsest: float = 16.0
+
+
+EFFORT = _Effort()
+START = _Start()
+TRACKS = _Tracks()
+RELOCATION = _Relocation()
+STEPS = _Steps()
+STAGED = _Staged()
+RATE_CONTROL = _RateControl()

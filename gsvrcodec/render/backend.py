@@ -1,0 +1,118 @@
+"""What every renderer offers: hold a GOP, render it, differentiate its error, take a step."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array, Gop
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
+Size = tuple[int, int]  #: width and height, pixels
+Prepared = Any  #: a GOP as a backend holds it
+#: Samples where a backend compares them: a NumPy array on the CPU, a torch tensor on a GPU.
+Samples = Any
+
+
+class Backend(ABC):
+    """One renderer on one device. All backends agree (spec section 8.5).
+
+    The parameters that are optimised are torch tensors on `device`, by the names of `Gop`.
+    """
+
+    device: str  #: "cpu" or "cuda:N"
+
+    @abstractmethod
+    def prepare(self, gop: Gop) -> Prepared:
+        """Hold a GOP where it is rendered; a GPU gets its parameters once.
+
+        Raises:
+            DeviceError: the memory of the GPU does not suffice.
+        """
+
+    @abstractmethod
+    def render(
+        self,
+        prepared: Prepared,
+        taus: Float32Array,
+        size: Size,
+        coded_size: Size,
+        *,
+        bit_depth: int = 8,
+        out: Codes | None = None,
+    ) -> Codes:
+        """Render frames of a prepared GOP; see `gsvrcodec.render.render_frames`."""
+
+    @abstractmethod
+    def picture(self, prepared: Prepared, tau: float, size: Size, coded_size: Size) -> Float32Array:
+        """Render one frame, (H, W, 3), neither clamped nor rounded."""
+
+    @abstractmethod
+    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+        """Return the gradient of sum(weights * picture) in place of each parameter.
+
+        Args:
+            gop: what is rendered.
+            tau: normalised time.
+            weights: (H, W, 3); the picture is rendered at this size.
+            coded_size: width and height that scales are relative to.
+        """
+
+    @abstractmethod
+    def squared_error(
+        self,
+        parameters: Mapping[str, Tensor],
+        tau: float,
+        target: Samples,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> tuple[float | Tensor, Sequence[Tensor]]:
+        """Return the mean squared error of one clamped frame, in [0, 1], and its gradients.
+
+        The gradient passes through the clamp.
+
+        Args:
+            parameters: in the order of `Gop`; detached.
+            tau: normalised time.
+            target: (H, W, 3) uint8 from `upload`; the frame is rendered at this size.
+            coded_size: width and height that scales are relative to.
+            backdrop: (H, W, 3) float32 from `upload`, added to the frame; None = black.
+        """
+
+    @abstractmethod
+    def adam_step(
+        self,
+        value: Tensor,
+        gradient: Tensor,
+        mean: Tensor,
+        square: Tensor,
+        rates: Tensor,
+        factor: float,
+        betas: tuple[float, float],
+        epsilon: float,
+        step: int,
+    ) -> None:
+        """Take one step of Adam in place.
+
+        Args:
+            value: what is optimised.
+            gradient: its gradient.
+            mean: first moment.
+            square: second moment.
+            rates: learning rate of each component of the last axis.
+            factor: of all rates.
+            betas: decay of the two moments.
+            epsilon: added to the root of the second moment.
+            step: number of this step, from 1.
+        """
+
+    def upload(self, samples: NDArray[Any]) -> Samples:
+        """Put frames or a picture where they are compared."""
+        return samples
