@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
@@ -199,10 +200,6 @@ def lock(path: Path) -> BinaryIO:
 
 def _locked(file: BinaryIO) -> bool:
     """Lock a file until it is closed, by the end of the process if not before; False = in use."""
-    if sys.platform == "win32":
-        return True  # there an open file cannot be removed, which does as well
-    import fcntl
-
     try:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -225,8 +222,6 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
 
 def _flush(path: Path) -> None:
     """Ask the operating system to put a file or a directory on the disk."""
-    if os.name == "nt" and path.is_dir():
-        return  # directories cannot be opened there
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import log10
 
+import cv2
 import numpy as np
 import pytest
 
@@ -54,6 +55,14 @@ class TestSimilarity:
         assert similarity(first, far).ssim == pytest.approx(0.3177893973, abs=2e-7)
         # pytorch_msssim 1.0.0, ms_ssim(x, y, data_range=255), float64 luma; 176 rows stay even.
         assert similarity(first[:176], second[:176]).ms_ssim == pytest.approx(0.9059, abs=5e-5)
+
+    def test_agrees_with_opencv(self, frames: list[making.Rgb]) -> None:
+        first, second = (f.astype(np.float32) for f in frames[:2])
+        measure = cv2.quality.QualitySSIM.create(cv2.cvtColor(first, cv2.COLOR_RGB2GRAY))
+        measure.compute(cv2.cvtColor(second, cv2.COLOR_RGB2GRAY))
+        windows = np.asarray(measure.getQualityMap())
+        inside = float(windows[5:-5, 5:-5].mean())  # windows that lie wholly inside the picture
+        assert similarity(frames[0], frames[1]).ssim == pytest.approx(inside, abs=1e-5)
 
     def test_definition(self) -> None:
         rng = np.random.default_rng(5)

@@ -48,11 +48,6 @@ class Job(ABC):
 
     @property
     @abstractmethod
-    def name(self) -> str:
-        """What is encoded, for messages."""
-
-    @property
-    @abstractmethod
     def steps(self) -> int:
         """Optimiser steps, without `seconds`."""
 
@@ -93,11 +88,6 @@ class GopJob(Job):
     background_picture: NDArray[np.uint8] | None = (
         None  #: (H, W, 3) that `background` was fitted to
     )
-
-    @property
-    def name(self) -> str:
-        """What is encoded, for messages."""
-        return f"the GOP at frame {self.first_frame}"
 
     @property
     def steps(self) -> int:
@@ -146,11 +136,6 @@ class BackgroundJob(Job):
 
     number: int  #: by which GOPs name it, from 1
     shown: int  #: frames of the GOPs that may show it
-
-    @property
-    def name(self) -> str:
-        """What is encoded, for messages."""
-        return f"background {self.number}"
 
     @property
     def steps(self) -> int:

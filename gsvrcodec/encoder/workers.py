@@ -37,13 +37,13 @@ class FittedGop:
 def fit_gops(
     jobs: Iterable[GopJob], workers: int, threads: int
 ) -> Generator[FittedGop, None, None]:
-    """Encode GOPs, yielding each as soon as it is done; the results do not depend on `workers`.
+    """Encode GOPs and yield each as soon as it is done; the bytes do not depend on `workers`.
 
-    A job is taken when a worker is free for it, so that at most `workers` are in memory. Close
-    the generator to stop: its processes are killed.
+    A job is taken when a worker is free, so that at most `workers` jobs are in memory. Closing the
+    generator kills the processes.
 
     Args:
-        jobs: what to encode; their settings' `threads` are replaced.
+        jobs: GOPs to encode; `threads` of their settings is replaced.
         workers: processes to fit in; 1 = this one.
         threads: native threads of all workers together.
 
@@ -56,7 +56,7 @@ def fit_gops(
             yield _fitted(encode_gop, job, threads)
         return
     with ExitStack() as stack:
-        # Left in the order of its lines from below: dead workers end the threads that ask them.
+        # Unwound from below: workers die first, which ends the threads that wait for them.
         pool = stack.enter_context(ThreadPoolExecutor(workers))
         idle: queue.SimpleQueue[tuple[_Worker, int]] = queue.SimpleQueue()
         for number in range(workers):
@@ -84,17 +84,17 @@ def fit_gops(
 def processes(
     wanted: int, threads: int, *, gops: int, gop_bytes: int, seconds: float
 ) -> tuple[int, int]:
-    """Return how many processes are to encode, and native threads of all of them together.
+    """Return the number of processes, and of the native threads of all of them together.
 
-    Threads in one step wait for each other, so that a process for each is quicker; but it has to
-    load its libraries, and holds a GOP of its own.
+    One process for each thread is quicker than one process with many threads, because threads wait
+    for each other in every step. But a process has to load its libraries and holds a GOP.
 
     Args:
-        wanted: processes; 0 = by what follows.
+        wanted: processes; 0 = by time and memory.
         threads: native threads; 0 = GSVR_THREADS or all cores.
-        gops: still to be encoded; more processes than these have nothing to do.
-        gop_bytes: RGB samples of the largest GOP.
-        seconds: that a single process is expected to take for all.
+        gops: GOPs still to be encoded, the most processes that have work.
+        gop_bytes: bytes of the frames of the largest GOP.
+        seconds: expected time of a single process for all GOPs.
     """
     threads = resolve_threads(threads)
     if wanted == 0:
@@ -107,7 +107,7 @@ def processes(
 
 
 def _available_bytes() -> int:
-    """Return the memory that the system can give; what it does not tell is plenty."""
+    """Return the memory that the system can give; without /proc/meminfo, plenty."""
     with suppress(OSError, ValueError):
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -116,7 +116,7 @@ def _available_bytes() -> int:
 
 
 def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
-    """When each GOP's turn comes if time goes by frames: its start, and when the last one ends."""
+    """Return when the fit of each GOP starts and when the last one ends, if time goes by frames."""
     free = [0] * workers
     out = []
     for length in lengths:
@@ -135,8 +135,8 @@ def _fitted(encode: Callable[[GopJob], EncodedGop], job: GopJob, threads: int) -
 class _Worker:
     """A process that encodes one GOP at a time; killed on leaving its block.
 
-    A plain subprocess: those of `multiprocessing` run the caller's script again, which must be
-    prepared for it. Jobs and answers are pickled between the two ends of its own pipes.
+    A plain subprocess, because `multiprocessing` runs the caller's script again, which must be
+    prepared for that. Jobs and answers are pickled through pipes that nobody else holds.
     """
 
     def __enter__(self) -> Self:
@@ -162,16 +162,16 @@ class _Worker:
         self._process.kill()
         self._process.wait()
         for pipe in (self._jobs, self._answers):
-            with suppress(OSError):  # what was not sent yet is not wanted any more
+            with suppress(OSError):  # an unsent rest of a job is not wanted any more
                 pipe.close()
 
     def __call__(self, job: GopJob) -> EncodedGop:
-        """Have a job done; raises as `encode_gop`."""
+        """Encode a GOP in the process; raises as `encode_gop`."""
         began = time.perf_counter()
         try:
             if not self._ready:
                 self._ready = pickle.load(self._answers)
-            if job.seconds is not None:  # what it took to load the libraries is gone
+            if job.seconds is not None:  # loading the libraries took a part of it
                 left = job.seconds - (time.perf_counter() - began)
                 job = replace(job, seconds=max(0.0, left))
             pickle.dump(job, self._jobs, pickle.HIGHEST_PROTOCOL)
@@ -190,10 +190,7 @@ class _Worker:
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Start processes that a Ctrl-C at the terminal does not reach: their owner ends them."""
-    if sys.platform == "win32":
-        yield
-        return
+    """Start processes that a Ctrl-C at the terminal does not reach; their owner ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -204,11 +201,11 @@ def _without_interrupts() -> Iterator[None]:
 def serve() -> None:
     """Encode the jobs of the standard input, one after another, until it ends."""
     source, target = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # text that a library prints is no answer
     jobs: queue.SimpleQueue[GopJob] = queue.SimpleQueue()
 
     def receive() -> None:
-        """Queue what comes; when the owner is gone, whatever this process does is in vain."""
+        """Queue the jobs that come; end the process when its owner is gone."""
         try:
             while True:
                 jobs.put(pickle.load(source))

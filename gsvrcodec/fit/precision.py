@@ -1,4 +1,4 @@
-"""How finely each parameter of a GOP is stored, for one qscale of quality."""
+"""Quantiser steps of all attributes, from their sensitivities and one qscale."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gsvrcodec.model.quantise import Steps
 
 
 def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
-    """The qscale at which rounding costs 0.2 dB, fine-tuned.
+    """The qscale at which quantisation costs 0.2 dB after tuning.
 
     Args:
-        pixels: Pixels of all frames.
+        pixels: Pixels of all frames that show the GOP.
         gaussians: N.
-        psnr: Quality before rounding, dB.
+        psnr: PSNR before quantisation, dB.
     """
     wanted = STEPS.usual_share * 255.0**2 / 10 ** (psnr / 10)
     costs = STEPS.unit * GAUSSIAN_PARAMETERS * gaussians / pixels
@@ -27,14 +27,15 @@ def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
 
 
 def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
-    """Steps that make the last bit of each plane buy as much quality as that of any other.
+    """Steps of equal slope: the last bit of each plane buys the same quality.
 
-    Rounding to steps s costs s^2 / 12 times what a change by one does; where steps are fine, one
-    more bit a sample saves three quarters of that, so it has to be the same for all samples.
+    Rounding a sample to steps s costs s^2 / 12 times its sensitivity. One more bit a sample saves
+    three quarters of that cost. So at the optimum the cost is the same for the samples of all
+    planes, and the qscale sets it.
 
     Args:
-        sensitivities: Squared error of a change by one, as `sensitivity` measures it.
-        qscale: Of the steps; 1 is fine, 3 is coarse.
+        sensitivities: Squared error of a change of each parameter by one; see `sensitivities`.
+        qscale: Factor of all steps; 1 is fine, 3 is coarse.
     """
     steps = {}
     for attribute in ATTRIBUTES:
@@ -46,9 +47,9 @@ def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
         coarser = STEPS.coarser.get(attribute.name, 1.0)
         wanted = coarser * qscale * np.sqrt(12 * STEPS.unit / np.maximum(mean, 1e-30))
         wanted = np.clip(wanted, STEPS.smallest, STEPS.largest[attribute.name])
-        if attribute.name == "rotation":  # half a circle is a whole number of steps
+        if attribute.name == "rotation":  # so that half a circle is a whole number of steps
             wanted = math.pi / np.round(math.pi / wanted)
-        elif attribute.name == "indicator":  # and one is
+        elif attribute.name == "indicator":  # so that 1 is a whole number of steps
             wanted = 2.0 ** np.round(np.log2(wanted))
         else:
             wanted = _short(wanted)
@@ -57,6 +58,6 @@ def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
 
 
 def _short(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Steps of six binary digits: their multiples are exact, and nought is among them."""
+    """Steps of six binary digits, so that their multiples are exact in binary32."""
     digits, exponent = np.frexp(steps)
     return np.ldexp(np.round(digits * 64) / 64, exponent)

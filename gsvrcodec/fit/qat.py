@@ -15,7 +15,7 @@ Tensors = dict[str, Tensor]
 def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
     """Quantisation of each component over its range, with a straight-through gradient.
 
-    The values agree with `gsvrcodec.bitstream.gop_payload.dequantised` to rounding.
+    The values agree with `gsvrcodec.model.quantise.dequantised` but for rounding.
 
     Args:
         bits: of each attribute.

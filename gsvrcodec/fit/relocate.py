@@ -1,4 +1,4 @@
-"""Gaussians that do little, moved during a fit to where the picture is worst."""
+"""Relocation: the weakest Gaussians move to where the error is largest, during a fit."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def relocate(
     so that the picture does not change at first.
 
     Args:
-        field: what is being fitted.
-        frames: (F, h, w, 3) uint8 at the size to look at the error in.
+        field: the parameters of the fit.
+        frames: (F, h, w, 3) uint8 at the size that the error is measured at.
         taus: (F,) their normalised times.
-        coded_size: width and height that the field is in.
+        coded_size: width and height of the coded frame, pixels.
         rng: source of the new places.
 
     Returns:
-        (N,) where each Gaussian was before, and (N,) which have moved.
+        (N,) the index that each Gaussian had before, and (N,) whether it has moved.
     """
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
@@ -78,7 +78,7 @@ def relocate(
 
 
 def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
-    """Put the Gaussians of `field` in rendering order, in place; returns where each was before."""
+    """Put the Gaussians of `field` in rendering order, in place; return the old index of each."""
     raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
     with torch.no_grad():
         position, log_scale = (raw[k].numpy(force=True) for k in ("position", "log_scale"))

@@ -1,4 +1,4 @@
-"""Where a fit starts: Gaussians placed by content, moving with the optical flow."""
+"""Start of a fit: Gaussians placed by content, moving with the optical flow."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class _Start:
         where: NDArray[np.float64],
         count: int,
     ) -> _Placed:
-        """Put `count` Gaussians on frame `index` by `weights`, as large as density `where` asks."""
+        """Place `count` Gaussians on frame `index` by `weights`, sized by the density `where`."""
         width = self._size[0]
         chosen = sample_pixels(weights.ravel(), count, self._rng)
         pixels = np.stack([chosen % width, chosen // width], 1)
@@ -124,7 +124,7 @@ class _Start:
         return np.ascontiguousarray(picture[..., 0])
 
     def uncovered(self, placed: _Placed, index: int) -> Float32Array:
-        """How bare of `placed` frame `index` is, (H, W) in [0, 1]."""
+        """Lack of coverage of frame `index` by `placed`, (H, W) in [0, 1]."""
         covered = cv2.boxFilter(self.coverage(placed, index), -1, 2 * (START.hole_px,))
         return np.clip(1 - covered / START.covered, 0, 1)
 

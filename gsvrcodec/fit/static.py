@@ -1,4 +1,4 @@
-"""Gaussians that hardly move, made to stand still: fewer bits, and drawn once a GOP."""
+"""Gaussians that hardly move are made static: they take fewer bits and are drawn once a GOP."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from gsvrcodec.model.gop import Gop
 
 
 def with_static(gop: Gop, sensitivities: Gop, qscale: float) -> Gop:
-    """The same GOP, but Gaussians whose motion is worth less than its bits stand still.
+    """Make the Gaussians static whose motion is worth less than the bits of that motion.
 
-    They lose their polynomial, and the dynamic indicator keeps the tri-plane from them.
+    A static Gaussian has no polynomial motion and the indicator 1, which switches the tri-plane
+    off.
 
     Args:
-        gop: What is to be stored.
-        sensitivities: Squared error of a change by one, as `sensitivity` measures it.
-        qscale: Of the steps that it will be stored in.
+        gop: The GOP to be stored.
+        sensitivities: Squared error of a change of each parameter by one; see `sensitivities`.
+        qscale: Factor of the steps that the GOP will be stored with.
     """
     loss = (
         (sensitivities.linear * np.square(gop.linear)).sum(axis=1)

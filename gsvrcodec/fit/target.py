@@ -1,4 +1,4 @@
-"""The qscale of all steps of a GOP: fixed, or what meets a size or a quality."""
+"""Search for the qscale of a GOP that meets a size or a quality."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from dataclasses import dataclass
 
 from gsvrcodec.fit.tuned import RATE_CONTROL
 
-#: What a size may fall short by, and how far a quality may be missed (dB).
+#: Fraction by which a size may fall short, and dB by which a quality may be missed.
 _SIZE_TOLERANCE = 0.004
 _PSNR_TOLERANCE = 0.02
-#: A qscale of e saves a fifth of the bits, and costs some quality (dB).
+#: Slopes to begin with: a qscale e times as large saves a fifth of the bits and costs 1 dB.
 _SIZE_FALL, _PSNR_FALL = 0.2, 1.0
 _MOST_TRIALS = 12
-#: Bounds of a stride towards a value that is still on the same side.
+#: Shortest and longest stride of the logarithm while the target is not bracketed.
 _STRIDES = 0.1, 1.2
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A value that falls as the qscale grows, and how near to it is near enough."""
+    """A value that falls as the qscale grows, and its tolerance."""
 
     value: float
-    below: float  #: how much less will do
-    above: float  #: how much more will do
-    fall: float  #: how much it falls, or so, when the qscale grows by e
+    below: float  #: tolerance below the value
+    above: float  #: tolerance above the value
+    fall: float  #: about how much the value falls when the qscale grows by a factor of e
 
     @classmethod
     def of_size(cls, size: int) -> Target:
@@ -39,17 +39,17 @@ class Target:
 
 
 def find_qscale(measure: Callable[[float], float], target: Target, first: float) -> float:
-    """The qscale at which `measure` comes to the target.
+    """Return the qscale at which `measure` meets the target.
 
-    It is sought by false position over the qscale's logarithm, halving where that stalls. If the
-    target is out of reach, the nearest qscale of the range is given.
+    The search is false position over the logarithm of the qscale, with bisection where that
+    stalls. If the target is out of reach, the nearest end of the range is returned.
 
     Args:
         measure: size or quality at a qscale; falls as the qscale grows.
-        target: what it is to come to.
-        first: where to begin.
+        target: the value to meet.
+        first: qscale to begin with.
     """
-    low = high = None  # (log qscale, miss): low is fine and above the target, high below it
+    low = high = None  # (log qscale, miss): `low` lies above the target, `high` below it
     at, push = math.log(first), 1.1
     for trial in range(_MOST_TRIALS):
         miss = measure(math.exp(at)) - target.value
