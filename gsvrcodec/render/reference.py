@@ -206,7 +206,7 @@ class ReferenceBackend(Backend):
         shown = picture + (picture.clamp(0, 1) - picture).detach()
         error = (shown - torch.from_numpy(target) / 255).square().mean()
         gradients = _gradients(error, leaves)
-        return float(error), [
+        return error.item(), [
             gradient.to(values.dtype)
             for gradient, values in zip(gradients, parameters.values(), strict=True)
         ]

@@ -25,9 +25,11 @@ import torch
 import gsvrcodec
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.fit.field import Field, squared_error
-from gsvrcodec.fit.optimise import MAIN, Effort, optimise
+from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.optimise import Effort, optimise
+from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.render import render_frames
+from gsvrcodec.render import backend_on, render_frames
 from gsvrcodec.render.device import choose_device
 from tests.benchmarks.machine import machine
 
@@ -111,9 +113,11 @@ def correctness(device: str) -> list[Row]:
         target = np.random.default_rng(1).integers(0, 256, (size[1], size[0], 3), np.uint8)
         gradients = []
         for place in "cpu", device:
-            field = Field(gop, "hybrid", place)
-            shown = field.uploaded(target[None])[0]
-            squared_error(field.tensors(), 0.3, shown, coded).backward()  # type: ignore[no-untyped-call]
+            backend = backend_on(place)
+            field = Field(gop, "hybrid", backend)
+            shown = backend.upload(target)
+            loss = squared_error(backend, field.tensors(), 0.3, shown, coded)
+            loss.backward()  # type: ignore[no-untyped-call]
             gradients.append({k: v.grad.cpu() for k, v in field.raw.items() if v.grad is not None})
         on_cpu, on_gpu = gradients
         rows.append(
@@ -171,12 +175,13 @@ def training(device: str) -> list[Row]:
         for gaussians in GAUSSIANS:
             goal = typical_gop(gaussians, size, 1)
             frames = np.asarray(render_frames(goal, TAUS, size, size, device=device), np.uint8)
-            field = Field(typical_gop(gaussians, size), "hybrid", device)
+            footage = Footage(frames, TAUS)
+            field = Field(typical_gop(gaussians, size), "hybrid", backend_on(device))
             rng = np.random.default_rng(0)
-            optimise(field, frames, TAUS, recipe, Effort(20), rng)
+            optimise(field, footage, recipe, Effort(20), rng)
             torch.cuda.synchronize(device)
             start = time.perf_counter()
-            optimise(field, frames, TAUS, recipe, Effort(steps), rng)
+            optimise(field, footage, recipe, Effort(steps), rng)
             torch.cuda.synchronize(device)
             pace = steps / (time.perf_counter() - start)
             rows.append({"size": size, "gaussians": gaussians, "steps_per_second": pace})

@@ -1,4 +1,4 @@
-"""What stands still: found in a video, fitted once, and shown by its GOPs."""
+"""What is static: found in a video, fitted once, and shown by its GOPs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ import gsvrcodec
 from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.encoder.analysis import analyse
 from gsvrcodec.encoder.background import (
-    StillShot,
-    at_rest,
-    shown_of,
-    still_picture,
-    still_png,
-    still_rgb,
-    still_shots,
+    StaticRun,
+    shows,
+    static_picture,
+    static_runs,
+    visible_gaussians,
 )
-from gsvrcodec.encoder.jobs import background_task, encode_gop
-from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.jobs import BackgroundJob, encode_gop
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import slice_gops
 from gsvrcodec.fit.field import Field, squared_error
@@ -33,7 +31,7 @@ from gsvrcodec.model.background import Background, together, with_background
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from gsvrcodec.video import open_video
 from tests import making
-from tests.fit.synthetic import quality, task, unpacked
+from tests.fit.synthetic import BACKEND, gop_job, quality, unpacked
 from tests.gops import make_gop
 
 Frames = NDArray[np.uint8]
@@ -56,11 +54,11 @@ def locked_camera(frames: int, *, seed: int = 1) -> Frames:
     return film
 
 
-def shots_of(path: Path, gop: int) -> list[StillShot]:
+def runs_of(path: Path, gop: int) -> list[StaticRun]:
     with open_video(path) as video:
-        steps = list(analyse((frame.rgb for frame in video), flow_estimator("dis")))
-        gops = slice_gops(steps, gop, minimum=1, maximum=99)
-        return list(still_shots((frame.rgb for frame in video), gops, steps))
+        stats = list(analyse((frame.rgb for frame in video), flow_estimator("dis")))
+        gops = slice_gops(stats, gop, minimum=1, maximum=99)
+        return list(static_runs((frame.rgb for frame in video), gops, stats))
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +67,9 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return making.write_video(path, list(locked_camera(24)))
 
 
-class TestStillPicture:
+class TestStaticPicture:
     def test_a_passing_ball_is_not_in_it(self) -> None:
-        picture, share = still_picture(list(locked_camera(24)[::3]))
+        picture, share = static_picture(list(locked_camera(24)[::3]))
         assert share > 0.7
         away = np.abs(picture.astype(int) - texture(1)).max(axis=2) > 8
         assert away.mean() < 0.3
@@ -79,41 +77,47 @@ class TestStillPicture:
     def test_a_pan_has_none(self) -> None:
         wide = np.concatenate([texture(seed) for seed in range(4)], axis=1)
         pan = [wide[:, 17 * n : 17 * n + WIDTH] for n in range(8)]
-        assert still_picture(pan)[1] < 0.2
+        assert static_picture(pan)[1] < 0.2
 
     def test_a_flat_picture_has_no_detail_to_share(self) -> None:
-        assert still_picture([np.full((20, 30, 3), 90, np.uint8)] * 3)[1] == 0
+        assert static_picture([np.full((20, 30, 3), 90, np.uint8)] * 3)[1] == 0
 
     def test_where_a_frame_is_otherwise(self) -> None:
         film = locked_camera(1)
-        rests = at_rest(texture(1), film)
-        assert not rests[48, 20]
-        assert rests[:, 60:].all()
+        same = shows(texture(1), film)
+        assert not same[48, 20]
+        assert same[:, 60:].all()
 
 
-class TestShots:
+class TestRuns:
     def test_a_locked_camera(self, locked: Path) -> None:
-        (shot,) = shots_of(locked, 6)
-        assert shot.number == 1
-        assert shot.gops == range(4)
-        assert still_rgb(shot.picture).shape == (HEIGHT, WIDTH, 3)
+        (run,) = runs_of(locked, 6)
+        assert run.number == 1
+        assert run.gops == range(4)
+        assert run.picture.shape == (HEIGHT, WIDTH, 3)
 
     def test_one_gop_shares_with_nobody(self, locked: Path) -> None:
-        assert shots_of(locked, 24) == []
+        assert runs_of(locked, 24) == []
 
     def test_a_cut_ends_it(self, tmp_path: Path) -> None:
         film = [*locked_camera(12), *(255 - locked_camera(12, seed=5))]
         path = making.write_video(tmp_path / "cut.mkv", film)
-        assert [shot.gops for shot in shots_of(path, 6)] == [range(2), range(2, 4)]
+        assert [run.gops for run in runs_of(path, 6)] == [range(2), range(2, 4)]
 
     def test_a_film_that_moves(self) -> None:
-        assert shots_of(making.BUNNY_SMALL, 6) == []
+        assert runs_of(making.BUNNY_SMALL, 6) == []
 
 
 @pytest.fixture(scope="module")
 def background() -> Background:
-    task = background_task(4, texture(1), 24, Budget(900), EncodeSettings(preset="fast", threads=1))
-    done = encode_gop(task)
+    job = BackgroundJob(
+        frames=texture(1)[None],
+        budget=Budget(900),
+        settings=EncodeSettings(preset="fast", threads=1),
+        number=4,
+        shown=24,
+    )
+    done = encode_gop(job)
     assert done.psnr > 25
     result = unpack_background(done.payload, Limits())
     assert result.number == 4
@@ -124,45 +128,41 @@ def background() -> Background:
 class TestFit:
     def test_a_gop_in_front(self, background: Background) -> None:
         film = locked_camera(5)
-        job = replace(task(film, 60, preset="fast", threads=1), grid=(8, 5, 3))
+        job = gop_job(film, Budget(60, grid=(8, 5, 3)), preset="fast", threads=1)
         alone = encode_gop(job)
-        done = encode_gop(
-            replace(job, background=background, background_picture=still_png(texture(1)))
-        )
+        done = encode_gop(replace(job, background=background, background_picture=texture(1)))
         assert done.psnr > alone.psnr + 3
         content = unpacked(done, job)
         assert content.background == 4
         assert content.shown is not None
-        shown = shown_of(background, texture(1), film)
+        shown = visible_gaussians(background, texture(1), film)
         np.testing.assert_array_equal(content.shown, shown)
         assert 0.5 < shown.mean() < 1
         whole = replace(content, gop=with_background(content.gop, background, content.shown))
         assert quality(whole, film) == pytest.approx(done.psnr, abs=0.02)
 
     def test_a_gop_without_any_of_it(self, background: Background) -> None:
-        job = task(np.zeros((2, HEIGHT, WIDTH, 3), np.uint8), 40, threads=1)
-        done = encode_gop(
-            replace(job, background=background, background_picture=still_png(texture(1)))
-        )
+        job = gop_job(np.zeros((2, HEIGHT, WIDTH, 3), np.uint8), 40, threads=1)
+        done = encode_gop(replace(job, background=background, background_picture=texture(1)))
         assert done.payload == encode_gop(job).payload
         assert unpacked(done, job).background == 0
 
     @pytest.mark.parametrize("size", [SIZE, (80, 48)])
     def test_a_backdrop_is_what_is_drawn_behind(self, size: tuple[int, int]) -> None:
         """The error in front of a backdrop is that of all Gaussians together."""
-        own, still = make_gop(8, (3, 2, 2)), make_gop(20, seed=4)
-        still = replace(
-            still,
-            indicator=np.ones_like(still.indicator),
-            linear=np.zeros_like(still.linear),
-            quadratic=np.zeros_like(still.quadratic),
+        own, static = make_gop(8, (3, 2, 2)), make_gop(20, seed=4)
+        static = replace(
+            static,
+            indicator=np.ones_like(static.indicator),
+            linear=np.zeros_like(static.linear),
+            quadratic=np.zeros_like(static.quadratic),
         )
         target = np.random.default_rng(1).integers(0, 256, (size[1], size[0], 3), np.uint8)
-        field = Field(own, "hybrid", still=still)
-        backdrop = field.backdrop(size, SIZE, 1)
-        loss = squared_error(field.tensors(), 0.3, target, SIZE, 1, backdrop).detach()
-        whole = Field(together(own, still), "hybrid")
-        expected = squared_error(whole.tensors(), 0.3, target, SIZE, 1).detach()
+        field = Field(own, "hybrid", BACKEND, static)
+        backdrop = field.backdrop(size, SIZE)
+        loss = squared_error(BACKEND, field.tensors(), 0.3, target, SIZE, backdrop).detach()
+        whole = Field(together(own, static), "hybrid", BACKEND)
+        expected = squared_error(BACKEND, whole.tensors(), 0.3, target, SIZE).detach()
         assert float(loss) == pytest.approx(float(expected), rel=1e-3)
         assert len(field.gop()) == 8
         assert len(field.drawn()) == 28

@@ -9,13 +9,17 @@ from typing import Any
 
 import pytest
 
+from gsvrcodec.encoder.analysis import Analysis, FrameStats
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.errors import OutputError
 from tests.cli.tools import ROOT
 
 PLAN: dict[str, Any] = {"version": "1", "settings": {"seed": 0, "crop": (1, 2), "gop_min": 12}}
 FIRST, SECOND = range(0, 3), range(3, 9)
-FACTS = {"psnr": 0.1 + 0.2, "seconds": float("inf")}
+FIGURES = GopFigures(psnr=0.1 + 0.2, float_psnr=99.0, seconds=float("inf"))
+OTHERS = GopFigures(psnr=30.0, float_psnr=30.5, seconds=1.0)
+ANALYSIS = Analysis((FrameStats(1.5, True),), (0, 40))
 
 
 def opened(
@@ -34,9 +38,9 @@ def failed(parts: Checkpoint) -> list[str]:
 def interrupted(target: Path) -> Path:
     """Keep two GOPs and be interrupted; return the file."""
     parts = opened(target)
-    parts.keep_analysis([1.5, True])
-    parts.add(FIRST, FACTS, b"first")
-    parts.add(SECOND, {}, b"")
+    parts.keep_analysis(ANALYSIS)
+    parts.add(FIRST, FIGURES, b"first")
+    parts.add(SECOND, OTHERS, b"")
     failed(parts)
     return target.with_name(target.name + ".part")
 
@@ -53,27 +57,27 @@ class TestResume:
             assert len(parts) == 2
             assert FIRST in parts
             assert range(3, 8) not in parts
-            assert parts.analysis == [1.5, True]
-            assert parts.facts(FIRST) == FACTS
+            assert parts.analysis == ANALYSIS
+            assert parts.figures(FIRST) == FIGURES
             assert parts.payload(FIRST) == b"first"
             assert parts.payload(SECOND) == b""
 
     def test_success_leaves_nothing(self, target: Path) -> None:
         with opened(target) as parts:
             assert parts.path is not None
-            parts.add(FIRST, {}, b"x")
+            parts.add(FIRST, OTHERS, b"x")
             assert parts.path.exists()
         assert not list(target.parent.iterdir())
 
     def test_failure_before_the_first_gop_leaves_nothing(self, target: Path) -> None:
         parts = opened(target)
-        parts.keep_analysis([])
+        parts.keep_analysis(ANALYSIS)
         assert failed(parts) == []
         assert not list(target.parent.iterdir())
 
     def test_failure_says_how_to_go_on(self, target: Path) -> None:
         parts = opened(target)
-        parts.add(FIRST, {}, b"x")
+        parts.add(FIRST, OTHERS, b"x")
         (note,) = failed(parts)
         assert note.startswith(f"1 finished GOP is kept in {target}.part, --resume")
 
@@ -85,7 +89,7 @@ class TestResume:
 
     def test_nothing_is_kept_where_there_is_no_place(self) -> None:
         with opened(None) as parts:
-            parts.add(FIRST, FACTS, b"first")
+            parts.add(FIRST, FIGURES, b"first")
             assert parts.path is None
             assert parts.payload(FIRST) == b"first"
 
@@ -131,7 +135,7 @@ class TestRefused:
     def test_another_plan_is_no_matter_where_no_gop_is_finished(self, target: Path) -> None:
         opened(target)._file.close()  # as a kill leaves it
         with opened(target, version="2") as parts:
-            parts.add(FIRST, {}, b"x")
+            parts.add(FIRST, OTHERS, b"x")
 
     def test_a_file_of_somebody_else(self, target: Path) -> None:
         path = target.with_name("out.gsvr.part")
@@ -145,7 +149,9 @@ class TestRefused:
         code = f"""
 import sys
 from pathlib import Path
+from gsvrcodec.encoder.analysis import Analysis, FrameStats
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.results import GopFigures
 with Checkpoint(Path({str(target)!r}), {{}}, resume=False, restart=False):
     print("ready", flush=True)
     sys.stdin.read()
@@ -176,7 +182,7 @@ class TestDamage:
             if FIRST in parts:
                 assert parts.payload(FIRST) == b"first"
             # Going on leaves a sound file, whatever the cut.
-            parts.add(FIRST, {}, b"again")
+            parts.add(FIRST, OTHERS, b"again")
             parts._file.close()
             with opened(target) as parts:
                 assert parts.payload(FIRST) == b"again"
@@ -195,9 +201,9 @@ class TestDamage:
             except OutputError:
                 continue
             if FIRST in parts:
-                assert (parts.facts(FIRST), parts.payload(FIRST)) == (FACTS, b"first")
+                assert (parts.figures(FIRST), parts.payload(FIRST)) == (FIGURES, b"first")
             if SECOND in parts:
-                assert (parts.facts(SECOND), parts.payload(SECOND)) == ({}, b"")
+                assert (parts.figures(SECOND), parts.payload(SECOND)) == (OTHERS, b"")
             assert len(parts) < 2 or parts.analysis is None
             parts._file.close()
 

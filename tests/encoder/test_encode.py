@@ -55,7 +55,7 @@ class TestRealClips:
         assert result.bytes == target.stat().st_size
         assert result.path == target
 
-    def test_a_background_cut_starts_a_gop(self, tmp_path: Path) -> None:
+    def test_a_cut_starts_a_gop(self, tmp_path: Path) -> None:
         quick(making.ODD, tmp_path / "a.gsvr", gop_min=2, frames=16)
         with gsvrcodec.open(tmp_path / "a.gsvr") as decoder:
             content = [decoder.metadata.gops, len(decoder)]

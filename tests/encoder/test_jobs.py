@@ -1,4 +1,4 @@
-"""One GOP at a time: a pure function of its task, for every size and setting."""
+"""One GOP at a time: a pure function of its job, for every size and setting."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.jobs import GopTask, encode_gop
+from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.jobs import GopJob, encode_gop
 from gsvrcodec.encoder.settings import Pack
 from gsvrcodec.fit.options import Deform
 from tests import making
 from tests.fit.synthetic import (
     assert_finite,
+    gop_job,
     moving_texture,
     quality,
     sample,
-    task,
     unpacked,
 )
 
@@ -31,7 +32,7 @@ SHAPES = [(1, 1, 1), (1, 33, 47), (2, 1, 9), (3, 7, 1), (2, 135, 241), (5, 2, 3)
 class TestContent:
     def test_decodes_to_what_was_said(self) -> None:
         frames = sample(making.BUNNY_SMALL, (161, 97), 6)
-        job = task(frames, 300, first_frame=40)
+        job = gop_job(frames, 300, first_frame=40)
         done = encode_gop(job)
         content = unpacked(done, job)
         assert content.first_frame == 40
@@ -46,7 +47,7 @@ class TestContent:
     @pytest.mark.parametrize("profile", ["main", "paper"])
     def test_every_deformation(self, deform: Deform, profile: str) -> None:
         frames = moving_texture(4, (1.5, 0.5), (96, 64))
-        job = task(frames, 200, deform=deform, profile=profile)
+        job = gop_job(frames, 200, deform=deform, profile=profile)
         done = encode_gop(job)
         gop = unpacked(done, job).gop
         assert_finite(gop)
@@ -57,7 +58,7 @@ class TestContent:
     @pytest.mark.parametrize("pack", get_args(Pack))
     def test_packing_does_not_change_the_picture(self, pack: Pack) -> None:
         frames = sample(making.NOISE, (64, 48), 2)
-        auto, job = task(frames), task(frames, pack=pack)
+        auto, job = gop_job(frames), gop_job(frames, pack=pack)
         one, other = encode_gop(auto), encode_gop(job)
         assert one.psnr == other.psnr
         assert len(one.payload) <= len(other.payload)
@@ -68,14 +69,14 @@ class TestContent:
     @pytest.mark.parametrize("profile", ["main", "paper"])
     def test_qat(self, profile: str) -> None:
         frames = sample(making.BUNNY_SMALL, (96, 64), 4)
-        jobs = [task(frames, 200, qat=qat, profile=profile) for qat in (True, False)]
+        jobs = [gop_job(frames, 200, qat=qat, profile=profile) for qat in (True, False)]
         with_it, without = map(encode_gop, jobs)
         assert with_it.payload != without.payload
         assert with_it.psnr > without.psnr - 0.5
 
     def test_rounding_costs_little(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        done = encode_gop(task(frames, 600))
+        done = encode_gop(gop_job(frames, 600))
         assert done.float_psnr - done.psnr < 0.25
 
 
@@ -83,7 +84,7 @@ class TestTargets:
     @pytest.mark.parametrize("size", [4000, 9000])
     def test_size(self, size: int) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        job = replace(task(frames, size // 9, first_frame=8), target_bytes=size)
+        job = gop_job(frames, Budget(size // 9, target_bytes=size), first_frame=8)
         done = encode_gop(job)
         assert 0.97 * size <= len(done.payload) <= 1.01 * size
         assert quality(unpacked(done, job), frames) == pytest.approx(done.psnr, abs=0.02)
@@ -91,14 +92,14 @@ class TestTargets:
     @pytest.mark.parametrize(("guess", "wanted"), [(300, 27.0), (20, 29.0), (2000, 28.0)])
     def test_quality(self, guess: int, wanted: float) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        job = replace(task(frames, guess), target_psnr=wanted)
+        job = gop_job(frames, Budget(guess, target_psnr=wanted))
         done = encode_gop(job)
         assert done.psnr == pytest.approx(wanted, abs=0.1)
 
     def test_more_bytes_are_better(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 4)
         small, large = (
-            encode_gop(replace(task(frames, 300), target_bytes=size)) for size in (3000, 6000)
+            encode_gop(gop_job(frames, Budget(300, target_bytes=size))) for size in (3000, 6000)
         )
         assert large.psnr > small.psnr + 0.5
 
@@ -108,7 +109,7 @@ class TestEverySize:
     @pytest.mark.parametrize("shape", SHAPES, ids=str)
     def test_shape(self, shape: tuple[int, int, int], profile: str) -> None:
         frames = np.random.default_rng(0).integers(0, 256, (*shape, 3), np.uint8)
-        job = task(frames, 12, profile=profile)
+        job = gop_job(frames, 12, profile=profile)
         done = encode_gop(job)
         assert_finite(unpacked(done, job).gop)
         assert np.isfinite([done.psnr, done.float_psnr]).all()
@@ -116,40 +117,40 @@ class TestEverySize:
     @pytest.mark.parametrize("gaussians", [1, 2, 5])
     @pytest.mark.parametrize("deform", get_args(Deform))
     def test_few_gaussians(self, gaussians: int, deform: Deform) -> None:
-        job = task(sample(making.NOISE, (40, 32), 3), gaussians, deform=deform)
+        job = gop_job(sample(making.NOISE, (40, 32), 3), gaussians, deform=deform)
         content = unpacked(encode_gop(job), job)
         assert len(content.gop) == gaussians
 
     def test_more_gaussians_than_pixels(self) -> None:
-        job = task(sample(making.NOISE, (8, 6), 2), 100)
+        job = gop_job(sample(making.NOISE, (8, 6), 2), 100)
         assert len(unpacked(encode_gop(job), job).gop) == 100
 
     @pytest.mark.parametrize("level", [0, 128, 255])
     def test_flat(self, level: int) -> None:
         frames = np.full((3, 40, 56, 3), level, np.uint8)
-        assert encode_gop(task(frames, 60)).psnr > 25
+        assert encode_gop(gop_job(frames, 60)).psnr > 25
 
     def test_uneven_times(self) -> None:
         frames = sample(making.NOISE, (64, 48), 4)
-        job = replace(task(frames), pts=np.array([-90, 5, 6, 10**9], np.int64))
+        job = replace(gop_job(frames), pts=np.array([-90, 5, 6, 10**9], np.int64))
         done = encode_gop(job)
         np.testing.assert_array_equal(unpacked(done, job).pts, job.pts)
 
     def test_time_budget(self) -> None:
-        done = encode_gop(task(sample(making.NOISE, (64, 48), 3), seconds=0.3))
+        done = encode_gop(gop_job(sample(making.NOISE, (64, 48), 3), seconds=0.3))
         assert done.psnr > 15
 
     def test_no_time_left(self) -> None:
-        job = task(sample(making.NOISE, (64, 48), 3), seconds=0.0)
+        job = gop_job(sample(making.NOISE, (64, 48), 3), seconds=0.0)
         assert_finite(unpacked(encode_gop(job), job).gop)
 
 
 class TestPurity:
-    """The same task gives the same bytes, wherever and whenever."""
+    """The same job gives the same bytes, wherever and whenever."""
 
-    def jobs(self) -> list[GopTask]:
+    def jobs(self) -> list[GopJob]:
         frames = sample(making.BUNNY_SMALL, (96, 64), 6)
-        return [task(frames[:3]), task(frames[3:], first_frame=3)]
+        return [gop_job(frames[:3]), gop_job(frames[3:], first_frame=3)]
 
     def test_order_does_not_matter(self) -> None:
         first, second = self.jobs()
@@ -159,7 +160,8 @@ class TestPurity:
 
     @pytest.mark.parametrize("target", [{}, {"target_bytes": 3000}, {"target_psnr": 24.0}], ids=str)
     def test_threads_do_not_matter(self, target: dict[str, Any]) -> None:
-        job = replace(self.jobs()[0], **target)
+        job = self.jobs()[0]
+        job = replace(job, budget=replace(job.budget, **target))
         payloads = {
             encode_gop(replace(job, settings=replace(job.settings, threads=threads))).payload
             for threads in (1, 2, 3)
@@ -180,7 +182,7 @@ class TestPurity:
         other = replace(job, settings=replace(job.settings, seed=1))
         assert encode_gop(job).payload != encode_gop(other).payload
 
-    def test_task_is_left_alone(self) -> None:
+    def test_job_is_left_alone(self) -> None:
         job = self.jobs()[0]
         before = job.frames.copy()
         encode_gop(job)

@@ -53,7 +53,7 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"deform": "none"}, "--deform must be one of hybrid, triplane, polynomial"),
         ({"flow": "farneback"}, "--flow must be one of dis, raft"),
         ({"pack": "zip"}, "--pack must be one of auto, entropy, jxl, png, deflate"),
-        ({"gop": "background"}, "--gop must be 'adaptive' or a number of frames"),
+        ({"gop": "shot"}, "--gop must be 'adaptive' or a number of frames"),
         ({"gop": 0}, "--gop must be at least 1"),
         ({"gop_min": 0}, "--gop-min must be at least 1"),
         ({"params": 0}, "--params must be at least 1"),

@@ -1,22 +1,17 @@
-"""Cutting into GOPs: shot cuts of real clips, and lengths that keep what was asked."""
+"""Cutting into GOPs: lengths that keep what was asked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gsvrcodec.encoder.analysis import FrameStats, analyse
+from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.slicing import slice_gops
-from gsvrcodec.fit.flow import flow_estimator
-from tests import making
-from tests.fit.synthetic import FRAMES, moving_texture, sample
 
-STEPS = st.lists(
+STATS = st.lists(
     st.builds(
         FrameStats, st.floats(0, 60) | st.just(0.0), st.integers(0, 30).map(lambda n: n == 0)
     ),
@@ -25,17 +20,17 @@ STEPS = st.lists(
 )
 
 
-def shots(steps: list[FrameStats]) -> list[int]:
+def shots(stats: list[FrameStats]) -> list[int]:
     """Return the length of each shot."""
-    starts = [n for n, step in enumerate(steps) if step.cut or n == 0]
-    return [stop - start for start, stop in pairwise([*starts, len(steps)])]
+    starts = [n for n, frame in enumerate(stats) if frame.cut or n == 0]
+    return [stop - start for start, stop in pairwise([*starts, len(stats)])]
 
 
-def by_background(gops: list[range], steps: list[FrameStats]) -> Iterator[list[int]]:
+def by_shot(gops: list[range], stats: list[FrameStats]) -> Iterator[list[int]]:
     """Yield the lengths of each shot's GOPs, which cover it exactly."""
     rest = iter(gops)
     start = 0
-    for length in shots(steps):
+    for length in shots(stats):
         lengths: list[int] = []
         while sum(lengths) < length:
             gop = next(rest)
@@ -49,46 +44,20 @@ def by_background(gops: list[range], steps: list[FrameStats]) -> Iterator[list[i
     assert not list(rest)
 
 
-class TestAnalyse:
-    @pytest.mark.parametrize("path", FRAMES, ids=lambda path: path.stem)
-    def test_cuts_of_real_clips(self, path: Path) -> None:
-        steps = list(analyse(sample(path), flow_estimator("dis")))
-        assert len(steps) == FRAMES[path]
-        cuts = [number for number, step in enumerate(steps) if step.cut]
-        assert cuts == ([0, 12] if path == making.ODD else [0])
-        assert all(step.motion == 0 for step in steps if step.cut)
-        assert any(step.motion > 0 for step in steps)
-
-    def test_motion_does_not_depend_on_resolution(self) -> None:
-        small = list(analyse(moving_texture(3, (2, 0), (320, 180)), flow_estimator("dis")))
-        doubled = moving_texture(3, (2, 0), (320, 180)).repeat(2, axis=1).repeat(2, axis=2)
-        large = list(analyse(doubled, flow_estimator("dis")))
-        assert [step.motion for step in large] == pytest.approx([step.motion for step in small])
-
-    def test_a_still_picture_does_not_move(self) -> None:
-        picture = moving_texture(1, (0, 0))[0]
-        steps = list(analyse([picture] * 4, flow_estimator("dis")))
-        assert [step.cut for step in steps] == [True, False, False, False]
-        assert max(step.motion for step in steps) < 0.05
-
-    def test_no_frames(self) -> None:
-        assert list(analyse([], flow_estimator("dis"))) == []
-
-
 class TestSliceGops:
-    @given(steps=STEPS, gop=st.integers(1, 40))
-    def test_fixed_length(self, steps: list[FrameStats], gop: int) -> None:
-        for lengths in by_background(slice_gops(steps, gop, minimum=1, maximum=1), steps):
+    @given(stats=STATS, gop=st.integers(1, 40))
+    def test_fixed_length(self, stats: list[FrameStats], gop: int) -> None:
+        for lengths in by_shot(slice_gops(stats, gop, minimum=1, maximum=1), stats):
             assert set(lengths[:-1]) <= {gop}
             assert lengths[-1] <= gop
 
     # Motion at the start must not leave the end with fewer than the minimum.
-    @example(steps=[FrameStats(60.0 * (n < 4), False) for n in range(11)], minimum=3, extra=1)
-    @given(steps=STEPS, minimum=st.integers(1, 20), extra=st.integers(0, 30))
-    def test_adaptive_length(self, steps: list[FrameStats], minimum: int, extra: int) -> None:
+    @example(stats=[FrameStats(60.0 * (n < 4), False) for n in range(11)], minimum=3, extra=1)
+    @given(stats=STATS, minimum=st.integers(1, 20), extra=st.integers(0, 30))
+    def test_adaptive_length(self, stats: list[FrameStats], minimum: int, extra: int) -> None:
         maximum = minimum + extra
-        gops = slice_gops(steps, "adaptive", minimum=minimum, maximum=maximum)
-        for lengths, frames in zip(by_background(gops, steps), shots(steps), strict=True):
+        gops = slice_gops(stats, "adaptive", minimum=minimum, maximum=maximum)
+        for lengths, frames in zip(by_shot(gops, stats), shots(stats), strict=True):
             assert max(lengths) <= maximum
             fewest = -(-frames // maximum)
             if fewest * minimum <= frames:
@@ -96,8 +65,8 @@ class TestSliceGops:
 
     def test_more_motion_makes_more_gops(self) -> None:
         def gops(motion: float) -> int:
-            steps = [FrameStats(0.0, True), *[FrameStats(motion, False)] * 95]
-            return len(slice_gops(steps, "adaptive", minimum=4, maximum=32))
+            stats = [FrameStats(0.0, True), *[FrameStats(motion, False)] * 95]
+            return len(slice_gops(stats, "adaptive", minimum=4, maximum=32))
 
         counts = [gops(motion) for motion in (0, 0.5, 1, 2, 4, 8)]
         assert counts == sorted(counts)

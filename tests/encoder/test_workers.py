@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.jobs import GopTask
+from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.jobs import GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.workers import fit_gops, processes, starts
 from gsvrcodec.errors import WorkerError
@@ -21,22 +22,22 @@ from gsvrcodec.errors import WorkerError
 FRAMES = 3
 
 
-def task(number: int, *, gaussians: int = 20, seconds: float | None = None) -> GopTask:
+def gop_job(number: int, *, gaussians: int = 20, seconds: float | None = None) -> GopJob:
     pictures = np.random.default_rng(number).integers(0, 256, (FRAMES, 24, 32, 3), np.uint8)
-    return GopTask(
+    return GopJob(
         frames=pictures,
         pts=np.arange(FRAMES) + FRAMES * number,
         durations=np.ones(FRAMES, np.int64),
         first_frame=FRAMES * number,
-        gaussians=gaussians,
+        budget=Budget(gaussians),
         settings=EncodeSettings(preset="fastest"),
         seconds=seconds,
     )
 
 
 def payloads(workers: int, threads: int) -> dict[int, bytes]:
-    tasks = (task(number) for number in range(4))
-    return {done.frames.start: done.gop.payload for done in fit_gops(tasks, workers, threads)}
+    jobs = (gop_job(number) for number in range(4))
+    return {done.frames.start: done.gop.payload for done in fit_gops(jobs, workers, threads)}
 
 
 def children() -> set[int]:
@@ -56,17 +57,17 @@ def test_same_bytes_whatever_the_number() -> None:
     assert payloads(2, 2) == alone
 
 
-def test_no_more_tasks_are_taken_than_workers_are_free() -> None:
+def test_no_more_jobs_are_taken_than_workers_are_free() -> None:
     taken = 0
 
-    def tasks() -> Iterator[GopTask]:
+    def jobs() -> Iterator[GopJob]:
         nonlocal taken
         for number in range(5):
             taken += 1
-            yield task(number)
+            yield gop_job(number)
 
     finished = 0
-    for _ in fit_gops(tasks(), 2, 2):
+    for _ in fit_gops(jobs(), 2, 2):
         finished += 1
         assert taken <= finished + 2
     assert finished == 5
@@ -75,7 +76,7 @@ def test_no_more_tasks_are_taken_than_workers_are_free() -> None:
 @needs_proc
 def test_stopping_kills_the_processes() -> None:
     before = children()
-    with closing(fit_gops((task(number) for number in range(9)), 2, 2)) as fitted:
+    with closing(fit_gops((gop_job(number) for number in range(9)), 2, 2)) as fitted:
         next(fitted)
         assert len(children() - before) == 2
     assert children() == before
@@ -84,17 +85,17 @@ def test_stopping_kills_the_processes() -> None:
 @needs_proc
 def test_a_failure_comes_as_it_is_and_kills_the_processes() -> None:
     before = children()
-    bad = task(0)
+    bad = gop_job(0)
     object.__setattr__(bad, "frames", bad.frames[..., 0])
     with pytest.raises(ValueError, match=r"dimension|axis|unpack"):
-        list(fit_gops([bad, task(1)], 2, 2))
+        list(fit_gops([bad, gop_job(1)], 2, 2))
     assert children() == before
 
 
 @needs_proc
 def test_a_killed_process_is_a_clear_error() -> None:
     before = children()
-    fitted = fit_gops((task(number, seconds=60) for number in range(2)), 2, 2)
+    fitted = fit_gops((gop_job(number, seconds=60) for number in range(2)), 2, 2)
     killer = threading.Timer(0.5, lambda: os.kill(min(children() - before), signal.SIGKILL))
     killer.start()
     began = time.monotonic()

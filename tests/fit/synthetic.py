@@ -1,4 +1,4 @@
-"""Pictures and tasks that the tests of fitting share."""
+"""Pictures and jobs that the tests of fitting share."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.header import Header
-from gsvrcodec.encoder.jobs import EncodedGop, GopTask
+from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
+from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.video import open_video
 from tests import making
 
-Frames = NDArray[np.uint8]
+BACKEND = NativeBackend()
 
 #: Frames in each of the short sample clips.
 FRAMES = {
@@ -59,28 +61,28 @@ def sample(path: Path, crop: tuple[int, int] | None = None, frames: int | None =
     return shots
 
 
-def task(
+def gop_job(
     frames: Frames,
-    gaussians: int = 100,
+    budget: Budget | int = 100,
     *,
     first_frame: int = 0,
     seconds: float | None = None,
     **settings: object,
-) -> GopTask:
+) -> GopJob:
     """Return what `encode_gop` needs; the least effort unless settings say otherwise."""
     chosen = replace(EncodeSettings(preset="fastest"), **settings)  # type: ignore[arg-type]
-    return GopTask(
+    return GopJob(
         frames=frames,
         pts=512 * np.arange(first_frame, first_frame + len(frames), dtype=np.int64),
         durations=np.full(len(frames), 512, np.int64),
         first_frame=first_frame,
-        gaussians=gaussians,
+        budget=Budget(budget) if isinstance(budget, int) else budget,
         settings=chosen,
         seconds=seconds,
     )
 
 
-def unpacked(done: EncodedGop, job: GopTask) -> GopContent:
+def unpacked(done: EncodedGop, job: GopJob) -> GopContent:
     """Return what a decoder gets."""
     height, width = job.frames.shape[1:3]
     header = Header(
@@ -104,6 +106,11 @@ def quality(content: GopContent, frames: Frames) -> float:
 def times(frames: int) -> Float32Array:
     """Return the normalised times of evenly spaced frames."""
     return np.linspace(-1, 1, frames, dtype=np.float32) if frames > 1 else np.zeros(1, np.float32)
+
+
+def footage(frames: Frames, background: Gop | None = None) -> Footage:
+    """Return evenly spaced frames, to be fitted."""
+    return Footage(frames, times(len(frames)), background)
 
 
 def assert_finite(gop: Gop) -> None:

@@ -11,8 +11,10 @@ import torch
 from gsvrcodec.fit.field import Field, squared_error
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import render
 from tests import making
+from tests.fit.synthetic import BACKEND
 
 MODES = get_args(Deform)
 SIZE = (37, 26)
@@ -29,14 +31,14 @@ def start() -> Gop:
 
 class TestExport:
     def test_hybrid_keeps_the_start(self, start: Gop) -> None:
-        gop = Field(start, "hybrid").gop()
+        gop = Field(start, "hybrid", BACKEND).gop()
         for name in set(Gop.__slots__) - {"xy"}:  # the grid is scaled by its channels' gains
             atol = 2e-3 if name == "indicator" else 1e-6  # indicator stays clear of 0 and 1
             np.testing.assert_allclose(getattr(gop, name), getattr(start, name), atol=atol)
         assert gop.xy.shape == start.xy.shape
 
     def test_triplane_has_no_polynomial(self, start: Gop) -> None:
-        field = Field(start, "triplane")
+        field = Field(start, "triplane", BACKEND)
         gop = field.gop()
         assert not gop.indicator.any()
         assert not gop.linear.any()
@@ -45,7 +47,7 @@ class TestExport:
         np.testing.assert_array_equal(gop.xt, start.xt)
 
     def test_polynomial_has_no_triplane(self, start: Gop) -> None:
-        field = Field(start, "polynomial")
+        field = Field(start, "polynomial", BACKEND)
         gop = field.gop()
         assert not gop.xy.size + gop.xt.size + gop.yt.size
         assert (gop.indicator == 1).all()
@@ -55,13 +57,31 @@ class TestExport:
     @pytest.mark.parametrize("mode", MODES)
     def test_training_leaves_start_and_exports_alone(self, start: Gop, mode: Deform) -> None:
         before = start.position.copy()
-        field = Field(start, mode)
+        field = Field(start, mode, BACKEND)
         exported = field.gop()
         with torch.no_grad():
             for tensor in field.raw.values():
                 tensor += 1
         np.testing.assert_array_equal(start.position, before)
         np.testing.assert_array_equal(exported.position, before)
+
+    def test_what_is_fixed_is_not_trained(self, start: Gop) -> None:
+        field = Field(start, "hybrid", BACKEND)
+        rounded = {"position": np.round(start.position, 1), "indicator": start.indicator.round()}
+        field.fix(rounded)
+        assert {"position", "indicator"}.isdisjoint(field.raw)
+        gop = field.gop()
+        np.testing.assert_array_equal(gop.position, rounded["position"].clip(-0.99 * 2, 0.99 * 2))
+        np.testing.assert_array_equal(gop.indicator, rounded["indicator"])
+
+    def test_a_background_is_drawn_but_not_trained(self, start: Gop) -> None:
+        bare = making.random_gop(np.random.default_rng(6), 9, (0, 0, 0))
+        assert Field(start, "hybrid", BACKEND).backdrop(SIZE, SIZE) is None
+        field = Field(start, "hybrid", BACKEND, bare)
+        assert len(field.gop()) == len(start)
+        assert len(field.drawn()) == len(start) + 9
+        picture = BACKEND.picture(BACKEND.prepare(bare), 0.0, SIZE, SIZE)
+        np.testing.assert_array_equal(field.backdrop(SIZE, SIZE), picture)
 
 
 class TestSquaredError:
@@ -71,10 +91,10 @@ class TestSquaredError:
     def test_value_and_gradient_are_the_reference(
         self, start: Gop, mode: Deform, tau: float, rendered: tuple[int, int]
     ) -> None:
-        field = Field(start, mode)
+        field = Field(start, mode, BACKEND)
         picture = target(rendered)
         tensors = field.tensors()
-        loss = squared_error(tensors, tau, picture, SIZE)
+        loss = squared_error(BACKEND, tensors, tau, picture, SIZE)
         ours = torch.autograd.grad(loss, list(field.raw.values()))
 
         exact = {name: tensor.double() for name, tensor in field.tensors().items()}
@@ -89,19 +109,25 @@ class TestSquaredError:
             assert error < 1e-3, name
 
     def test_gradient_scales_with_what_follows(self, start: Gop) -> None:
-        field = Field(start, "hybrid")
+        field = Field(start, "hybrid", BACKEND)
         leaves = list(field.raw.values())
-        one = torch.autograd.grad(squared_error(field.tensors(), 0.2, target(), SIZE), leaves)
-        three = torch.autograd.grad(3 * squared_error(field.tensors(), 0.2, target(), SIZE), leaves)
+        one, three = (
+            torch.autograd.grad(
+                scale * squared_error(BACKEND, field.tensors(), 0.2, target(), SIZE), leaves
+            )
+            for scale in (1, 3)
+        )
         for a, b in zip(one, three, strict=True):
             torch.testing.assert_close(3 * a, b)
 
     @pytest.mark.parametrize("threads", [1, 2, 5])
     def test_threads_do_not_change_it(self, start: Gop, threads: int) -> None:
-        field = Field(start, "hybrid")
+        field = Field(start, "hybrid", BACKEND)
         leaves = list(field.raw.values())
-        expected = squared_error(field.tensors(), 0.2, target(), SIZE, 1)
-        loss = squared_error(field.tensors(), 0.2, target(), SIZE, threads)
+        expected, loss = (
+            squared_error(NativeBackend(count), field.tensors(), 0.2, target(), SIZE)
+            for count in (1, threads)
+        )
         assert loss.item() == expected.item()
         gradients = torch.autograd.grad(loss, leaves)
         for a, b in zip(gradients, torch.autograd.grad(expected, leaves), strict=True):

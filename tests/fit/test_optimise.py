@@ -10,13 +10,15 @@ import pytest
 from torch import Tensor
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.optimise import MAIN, PAPER, Effort, Recipe, optimise
+from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.optimise import Effort, optimise, visits
 from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
 from gsvrcodec.fit.relocate import reorder
 from gsvrcodec.fit.start import random_start
 from gsvrcodec.render import render_frames
 from tests import making
-from tests.fit.synthetic import Frames, assert_finite, sample, times
+from tests.fit.synthetic import BACKEND, assert_finite, footage, sample, times
 
 
 def quality(field: Field, frames: Frames) -> float:
@@ -37,12 +39,11 @@ def fitted(
     """Return a fitted field, and how much PSNR it won from a random start."""
     rng = np.random.default_rng(0)
     grid = (0, 0, 0) if deform == "polynomial" else (8, 6, len(frames))
-    field = Field(random_start(frames, 150, grid, rng), deform)
+    field = Field(random_start(frames, 150, grid, rng), deform, BACKEND)
     before = quality(field, frames)
     optimise(
         field,
-        frames,
-        times(len(frames)),
+        footage(frames),
         recipe,
         Effort(steps),
         rng,
@@ -83,18 +84,24 @@ def test_quantiser_is_applied_late() -> None:
     assert {"position", "colour", "xy"} <= calls[0]
 
 
+def test_every_frame_has_its_turn_in_every_round() -> None:
+    order = visits(5, np.random.default_rng(0))
+    rounds = [[next(order) for _ in range(5)] for _ in range(4)]
+    assert all(sorted(numbers) == [0, 1, 2, 3, 4] for numbers in rounds)
+    assert len(set(map(tuple, rounds))) > 1
+
+
 class TestRates:
     def test_lengths_are_pixels(self) -> None:
         # The same picture twice as large: the Gaussians move as many pixels a step.
         moves = []
         for scale in (1, 2):
             frames = sample(making.BUNNY_SMALL, (64 * scale, 48 * scale), 1)
-            field = Field(
-                random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
-            )
+            start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
+            field = Field(start, "polynomial", BACKEND)
             reorder(field, (64 * scale, 48 * scale))
             before = field.gop().position
-            optimise(field, frames, times(1), MAIN, Effort(1), np.random.default_rng(0))
+            optimise(field, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
             moves.append(np.abs(field.gop().position - before).max(axis=0) * (32, 24) * scale)
         np.testing.assert_allclose(moves[0], MAIN.rates["position"], rtol=1e-3)
         np.testing.assert_allclose(moves[1], MAIN.rates["position"], rtol=1e-3)
@@ -108,12 +115,11 @@ class TestRates:
                 def spent(self) -> float:
                     return float(self._step > 0)
 
-            field = Field(
-                random_start(frames, 60, (0, 0, 0), np.random.default_rng(0)), "polynomial"
-            )
+            start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
+            field = Field(start, "polynomial", BACKEND)
             reorder(field, (64, 48))
             before = field.gop().colour
-            optimise(field, frames, times(1), MAIN, Once(steps), np.random.default_rng(0))
+            optimise(field, footage(frames), MAIN, Once(steps), np.random.default_rng(0))
             return float(np.abs(field.gop().colour - before).max())
 
         rated = int(MAIN.rated_steps)

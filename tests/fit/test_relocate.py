@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.relocate import relocate
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.render import render_frames
-from tests.fit.synthetic import Frames, assert_finite, moving_texture, times
+from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, times
 
 SIZE = (96, 64)
 
@@ -18,7 +19,8 @@ SIZE = (96, 64)
 def started(frames: Frames, gaussians: int, deform: Deform = "hybrid") -> Field:
     grid = (0, 0, 0) if deform == "polynomial" else (6, 4, len(frames))
     rng = np.random.default_rng(0)
-    return Field(content_aware(frames, times(len(frames)), gaussians, grid, None, rng), deform)
+    start = content_aware(footage(frames), gaussians, grid, None, rng, BACKEND)
+    return Field(start, deform, BACKEND)
 
 
 @pytest.mark.parametrize("deform", ["hybrid", "polynomial", "triplane"])
@@ -31,7 +33,7 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     # The picture is met everywhere but in its lower right.
     wanted = shown.astype(np.uint8)
     wanted[:, 40:, 60:] = 255 - wanted[:, 40:, 60:]
-    order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1), 1)
+    order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1))
     after = field.gop()
     assert_finite(after)
     assert sorted(order) == list(range(400))
@@ -49,7 +51,7 @@ def test_a_moved_gaussian_follows_its_neighbours() -> None:
     frames = moving_texture(2, (0, 0), SIZE)
     field = started(frames, 200, "polynomial")
     field.raw["linear"].data[:] = 0.25
-    _, moved = relocate(field, frames, times(2), SIZE, np.random.default_rng(1), 1)
+    _, moved = relocate(field, frames, times(2), SIZE, np.random.default_rng(1))
     gop = field.gop()
     np.testing.assert_allclose(gop.linear[moved], 0.25)
     # The places were picked where the neighbours are at -1 or 1, inside the frame then.
@@ -61,6 +63,6 @@ def test_a_moved_gaussian_follows_its_neighbours() -> None:
 def test_any_number(gaussians: int) -> None:
     frames = moving_texture(1, (0, 0), (40, 30))
     field = started(frames, gaussians)
-    _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1), 1)
+    _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1))
     assert moved.sum() == gaussians // 10
     assert_finite(field.gop())

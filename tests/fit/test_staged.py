@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.optimise import MAIN, Effort, optimise
+from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.staged import settle
+from gsvrcodec.fit.recipe import MAIN
+from gsvrcodec.fit.staged import quantise_in_stages
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Steps, dequantised
 from gsvrcodec.render import render_frames
-from tests.fit.synthetic import Frames, moving_texture, times
+from tests.fit.synthetic import BACKEND, footage, moving_texture, times
 
 SIZE = (96, 64)
 COARSE = {"position": 0.004, "log_scale": 0.1, "rotation": np.pi / 40, "colour": 0.02}
@@ -27,15 +29,17 @@ STEPS: Steps = {a.name: (COARSE.get(a.name, 0.03125),) * a.components for a in A
 def fitted(frames: Frames, deform: Deform) -> Gop:
     grid = (0, 0, 0) if deform == "polynomial" else (6, 4, len(frames))
     rng = np.random.default_rng(0)
-    start = content_aware(frames, times(len(frames)), 300, grid, None, rng)
-    field = Field(start, deform)
-    optimise(field, frames, times(len(frames)), MAIN, Effort(150), rng)
+    start = content_aware(footage(frames), 300, grid, None, rng, BACKEND)
+    field = Field(start, deform, BACKEND)
+    optimise(field, footage(frames), MAIN, Effort(150), rng)
     return field.gop()
 
 
-def settled(gop: Gop, frames: Frames, deform: Deform, steps: int = 60) -> Gop:
+def staged(gop: Gop, frames: Frames, deform: Deform, steps: int = 60) -> Gop:
     rng = np.random.default_rng(1)
-    return settle(gop, STEPS, frames, times(len(frames)), MAIN, steps, None, rng, deform=deform)
+    return quantise_in_stages(
+        gop, STEPS, footage(frames), MAIN, steps, None, rng, BACKEND, deform=deform
+    )
 
 
 def quality(gop: Gop, frames: Frames) -> float:
@@ -46,7 +50,7 @@ def quality(gop: Gop, frames: Frames) -> float:
 def test_some_of_the_loss_is_made_up_for(deform: Deform) -> None:
     frames = moving_texture(4, (2, 1), SIZE)
     gop = fitted(frames, deform)
-    result = settled(gop, frames, deform)
+    result = staged(gop, frames, deform)
     plain, tuned = (quality(dequantised(each, STEPS), frames) for each in (gop, result))
     assert plain < quality(gop, frames) - 0.5
     assert tuned > plain + 0.3
@@ -55,15 +59,15 @@ def test_some_of_the_loss_is_made_up_for(deform: Deform) -> None:
 def test_all_but_colours_are_what_will_be_stored() -> None:
     frames = moving_texture(3, (2, 1), SIZE)
     gop = fitted(frames, "hybrid")
-    still = np.arange(300) % 3 == 0
-    gop = replace(gop, indicator=np.where(still, np.float32(1), gop.indicator))
-    result = settled(gop, frames, "hybrid", 9)
+    static = np.arange(300) % 3 == 0
+    gop = replace(gop, indicator=np.where(static, np.float32(1), gop.indicator))
+    result = staged(gop, frames, "hybrid", 9)
     again = dequantised(result, STEPS)
     for name in {a.name for a in ATTRIBUTES} - {"colour", "rotation"}:
         np.testing.assert_array_equal(getattr(again, name), getattr(result, name))
     turned = np.abs(again.rotation - result.rotation)
     np.testing.assert_allclose(np.minimum(turned, np.pi - turned), 0, atol=1e-6)
-    assert (result.indicator[still] == 1).all()
+    assert (result.indicator[static] == 1).all()
     assert (result.colour != again.colour).any()
 
 
@@ -71,5 +75,5 @@ def test_time_ends_it() -> None:
     frames = moving_texture(3, (2, 1), SIZE)
     gop = fitted(frames, "hybrid")
     rng = np.random.default_rng(1)
-    result = settle(gop, STEPS, frames, times(3), MAIN, 10**9, 0.1, rng)
+    result = quantise_in_stages(gop, STEPS, footage(frames), MAIN, 10**9, 0.1, rng, BACKEND)
     assert (result.colour != gop.colour).any()

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render import render_frames
 from tests import making
-from tests.fit.synthetic import Frames, assert_finite, moving_texture, sample, times
+from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, sample
 
 GRID = (6, 4, 5)
 
@@ -25,7 +26,7 @@ def start(
 ) -> Gop:
     estimate = flow_estimator("dis") if moving else None
     rng = np.random.default_rng(seed)
-    return content_aware(frames, times(len(frames)), gaussians, grid, estimate, rng)
+    return content_aware(footage(frames), gaussians, grid, estimate, rng, BACKEND)
 
 
 def assert_shapes(gop: Gop, gaussians: int, grid: tuple[int, int, int]) -> None:

@@ -1,4 +1,4 @@
-"""The search for the factor that meets a target."""
+"""The search for the qscale that meets a target."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.fit.target import COARSEST, FINEST, Target, find_factor
+from gsvrcodec.fit.target import Target, find_qscale
+from gsvrcodec.fit.tuned import RATE_CONTROL
 
 
 @given(
@@ -18,34 +19,36 @@ from gsvrcodec.fit.target import COARSEST, FINEST, Target, find_factor
     first=st.floats(0.3, 4.0),
 )
 def test_a_size_is_met_from_below(scale: float, slope: float, answer: float, first: float) -> None:
-    def size(factor: float) -> float:
-        return scale * (math.pow(factor, -slope) + 0.1)
+    def size(qscale: float) -> float:
+        return scale * (math.pow(qscale, -slope) + 0.1)
 
     wanted = Target.of_size(max(1, int(size(answer))))
-    found = find_factor(size, wanted, first)
+    found = find_qscale(size, wanted, first)
     assert size(found) <= wanted.value
     assert size(found) >= 0.98 * wanted.value - 2
 
 
 @given(answer=st.floats(0.15, 10.0), first=st.floats(0.3, 4.0))
 def test_a_quality_is_met(answer: float, first: float) -> None:
-    def quality(factor: float) -> float:
-        return 40 - 10 * math.log10(1 + factor**2)
+    def quality(qscale: float) -> float:
+        return 40 - 10 * math.log10(1 + qscale**2)
 
-    found = find_factor(quality, Target.of_psnr(quality(answer)), first)
+    found = find_qscale(quality, Target.of_psnr(quality(answer)), first)
     assert quality(found) == pytest.approx(quality(answer), abs=0.03)
 
 
 def test_steps_in_the_size_do_no_harm() -> None:
-    def size(factor: float) -> float:
-        return 1000 * math.ceil(10 / factor)
+    def size(qscale: float) -> float:
+        return 1000 * math.ceil(10 / qscale)
 
-    assert size(find_factor(size, Target.of_size(5500), 1.0)) == 5000
+    assert size(find_qscale(size, Target.of_size(5500), 1.0)) == 5000
 
 
-@pytest.mark.parametrize(("size", "end"), [(1e9, FINEST), (1.0, COARSEST)])
+@pytest.mark.parametrize(
+    ("size", "end"), [(1e9, RATE_CONTROL.finest), (1.0, RATE_CONTROL.coarsest)]
+)
 def test_out_of_reach(size: float, end: float) -> None:
-    def measure(factor: float) -> float:
-        return 1000 / factor
+    def measure(qscale: float) -> float:
+        return 1000 / qscale
 
-    assert find_factor(measure, Target.of_size(int(size)), 1.0) == pytest.approx(end)
+    assert find_qscale(measure, Target.of_size(int(size)), 1.0) == pytest.approx(end)

@@ -65,8 +65,8 @@ def _colourless() -> Gop:
     return gop
 
 
-def still(gop: Gop, chosen: slice) -> Gop:
-    """The same GOP, where some Gaussians stand still."""
+def static(gop: Gop, chosen: slice) -> Gop:
+    """The same GOP, where some Gaussians are static."""
     gop.indicator[chosen] = 1
     gop.linear[chosen] = gop.quadratic[chosen] = 0
     return gop
@@ -86,8 +86,8 @@ EXAMPLES = {
     "wide": Example(_shaped((60.0, 1.0)), (400, 40), (400, 40)),
     "thin": Example(_shaped((20.0, 0.4)), (131, 97), (131, 97)),
     "needles": Example(_shaped((100.0, 0.1), 9), (131, 197), (131, 197)),
-    "still": Example(still(random_gop(50), slice(None))),
-    "half still": Example(still(random_gop(50), slice(None, None, 2))),
+    "static": Example(static(random_gop(50), slice(None))),
+    "half static": Example(static(random_gop(50), slice(None, None, 2))),
     "off frame": Example(_off_frame()),
     "zero colour": Example(_colourless()),
     "1x1": Example(random_gop(20), (1, 1), (1, 1)),
@@ -96,6 +96,26 @@ EXAMPLES = {
     "smaller": Example(random_gop(50), (33, 31), (96, 64)),
     "larger": Example(random_gop(20), (150, 140), (64, 48)),
     "stretched": Example(random_gop(20), (20, 140), (96, 48)),
+}
+
+
+def all_levels(n: int, log_sigma: float) -> Gop:
+    """Gaussians of all levels of the pyramid."""
+    gop = random_gop(n, grid=(3, 2, 4), seed=9)
+    gop.log_scale[:] += log_sigma
+    return gop
+
+
+#: Small enough for Triton's interpreter.
+SMALL = {
+    "all levels": Example(all_levels(24, 2.2), (48, 32), (48, 32)),
+    "no tri-plane": Example(random_gop(12, grid=(0, 0, 0)), (33, 17), (33, 17)),
+    "one cell": Example(random_gop(9, grid=(1, 1, 1)), (17, 33), (17, 33)),
+    "smaller": Example(all_levels(16, 1.5), (31, 14), (48, 32)),
+    "larger": Example(all_levels(8, 0.5), (35, 30), (14, 12)),
+    "half static": Example(static(random_gop(9), slice(None, None, 2)), (13, 9), (13, 9)),
+    "1x1": Example(all_levels(5, 1.0), (1, 1), (1, 1)),
+    "none": Example(random_gop(0), (5, 3), (5, 3)),
 }
 
 

@@ -31,10 +31,10 @@ def test_threads(threads: int, isa: str) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-@pytest.mark.parametrize("standing", [0, 0.1, 0.5, 0.98, 1])
-def test_batch(standing: float, threads: int, isa: str) -> None:
-    """Frames together, whose still Gaussians are drawn once, and each alone."""
-    gop = examples.still(examples.random_gop(2500), slice(round(2500 * standing)))
+@pytest.mark.parametrize("share", [0, 0.1, 0.5, 0.98, 1])
+def test_batch(share: float, threads: int, isa: str) -> None:
+    """Frames together, whose static Gaussians are drawn once, and each alone."""
+    gop = examples.static(examples.random_gop(2500), slice(round(2500 * share)))
     batch = examples.native_float(replace(EXAMPLES, gop=gop), TAUS, threads)
     for tau, frame in zip(TAUS, batch, strict=True):
         alone = examples.native_float(replace(EXAMPLES, gop=gop), np.array([tau]), threads)

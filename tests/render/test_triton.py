@@ -1,4 +1,4 @@
-"""The Triton kernels against the reference, in value and gradient; without a GPU, interpreted."""
+"""The Triton kernels beyond `test_backends`; without a GPU, interpreted."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ from gsvrcodec.bitstream.gop_payload import GopContent
 from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.optimise import MAIN, Effort, optimise
+from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.optimise import Effort, optimise
+from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.native import _core
+from gsvrcodec.render import backend_on
 from gsvrcodec.render import triton as gpu
 from gsvrcodec.render.triton import launch
 from gsvrcodec.render.triton.launch import Pass
@@ -35,24 +37,6 @@ PLACE = "cuda:0" if torch.cuda.is_available() else "cpu:0"
 DEVICE = torch.device(PLACE)
 SIZE = (48, 32)
 TAUS = np.array([TAU], np.float32)
-
-
-def _large(n: int, log_sigma: float) -> Gop:
-    """Gaussians of all levels of the pyramid."""
-    gop = examples.random_gop(n, grid=(3, 2, 4), seed=9)
-    gop.log_scale[:] += log_sigma
-    return gop
-
-
-EXAMPLES = {
-    "all levels": Example(_large(24, 2.2), SIZE, SIZE),
-    "no tri-plane": Example(examples.random_gop(12, grid=(0, 0, 0)), (33, 17), (33, 17)),
-    "one cell": Example(examples.random_gop(9, grid=(1, 1, 1)), (17, 33), (17, 33)),
-    "smaller": Example(_large(16, 1.5), (31, 14), SIZE),
-    "larger": Example(_large(8, 0.5), (35, 30), (14, 12)),
-    "1x1": Example(_large(5, 1.0), (1, 1), (1, 1)),
-    "none": Example(examples.random_gop(0), (5, 3), (5, 3)),
-}
 
 
 def _pass(example: Example, taus: Float32Array = TAUS) -> Pass:
@@ -79,19 +63,12 @@ def _weights(example: Example, frames: int = 1) -> Float32Array:
     return np.random.default_rng(1).normal(size=(frames, height, width, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_value_and_gradients(name: str) -> None:
-    example = EXAMPLES[name]
-    weights = _weights(example)
-    expected, gradients = examples.reference_render(example, weights[0])
-    actual = _floats(example)[0]
-    assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
-    examples.assert_gradients_close(_gradients(example, weights), gradients)
-
-
 def test_frames_together() -> None:
     """A batch is its frames one by one, and its gradient the sum of theirs."""
-    example, taus = Example(_large(5, 1.0), (17, 9), (17, 9)), np.array([-1, 0.2], np.float32)
+    example, taus = (
+        Example(examples.all_levels(5, 1.0), (17, 9), (17, 9)),
+        np.array([-1, 0.2], np.float32),
+    )
     batch = _floats(example, taus)
     weights = _weights(example, len(taus))
     total = {name: np.zeros_like(getattr(example.gop, name)) for name in Gop.__slots__}
@@ -105,10 +82,12 @@ def test_frames_together() -> None:
 
 @pytest.mark.parametrize("bit_depth", [8, 10])
 def test_codes(bit_depth: int) -> None:
-    gop = _large(40, 1.5)
+    gop = examples.all_levels(40, 1.5)
     gop.colour[:] = np.abs(gop.colour) * 0.5
     taus = np.array([-0.7, 0.4], np.float32)
-    actual = gpu.render_codes(gop, taus, SIZE, SIZE, device=PLACE, bit_depth=bit_depth)
+    backend = gpu.TritonBackend(PLACE)
+    prepared = backend.prepare(gop)
+    actual = backend.render(prepared, taus, SIZE, SIZE, bit_depth=bit_depth)
     assert actual.dtype == (np.uint8 if bit_depth == 8 else np.uint16)
     white = 2**bit_depth - 1
     frames = [examples.reference_render(Example(gop, SIZE, SIZE), tau=float(t))[0] for t in taus]
@@ -117,37 +96,9 @@ def test_codes(bit_depth: int) -> None:
     assert difference.max() <= 1
     assert (difference > 0).mean() <= 1e-3
     tensor = gpu.empty_codes(actual.shape, bit_depth, PLACE)
-    again = gpu.render_codes(gop, taus, SIZE, SIZE, device=PLACE, bit_depth=bit_depth, out=tensor)
+    again = backend.render(prepared, taus, SIZE, SIZE, bit_depth=bit_depth, out=tensor)
     assert again is tensor
     np.testing.assert_array_equal(tensor.numpy(force=True), actual)
-
-
-@pytest.mark.parametrize("backdrop", [False, True])
-def test_squared_error(backdrop: bool) -> None:
-    example = EXAMPLES["smaller"]
-    width, height = example.size
-    rng = np.random.default_rng(2)
-    target = rng.integers(0, 256, (height, width, 3), np.uint8)
-    behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
-    frame, _ = examples.reference_render(example)
-    residual = (frame + behind).clip(0, 1) - target / 255.0
-    _, expected = examples.reference_render(
-        example, (2 / residual.size * residual).astype(np.float32)
-    )
-    loss, gradients = gpu.squared_error(
-        gpu.upload(example.gop, DEVICE),
-        torch.from_numpy(TAUS).to(DEVICE),
-        torch.from_numpy(target[None]).to(DEVICE),
-        example.coded_size,
-        torch.from_numpy(behind).to(DEVICE) if backdrop else None,
-    )
-    assert float(loss) == pytest.approx(float((residual**2).mean()), rel=1e-4)
-    # `upload` puts Gaussians into an order of its own.
-    for name in ("xy", "xt", "yt"):
-        examples.assert_gradients_close(
-            {name: gradients[name].numpy(force=True)}, {name: expected[name]}
-        )
-    assert float(gradients["colour"].sum()) == pytest.approx(expected["colour"].sum(), rel=1e-3)
 
 
 def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,33 +134,6 @@ def test_not_finite_is_not_drawn(value: float) -> None:
     assert not gradients["colour"][: 3 * len(broken) : 3].any()
 
 
-def test_adam() -> None:
-    r = np.random.default_rng(0)
-    shape = (700, 3)
-    rates = r.uniform(0.001, 0.1, 3).astype(np.float32)
-    expected = r.normal(size=shape).astype(np.float32)
-    moments = np.zeros_like(expected), np.zeros_like(expected)
-    value = torch.from_numpy(expected.copy()).to(DEVICE)
-    mean, square = torch.zeros_like(value), torch.zeros_like(value)
-    for step in range(1, 4):
-        gradient = r.normal(size=shape).astype(np.float32)
-        _core.adam_step(
-            expected, gradient, *moments, rates * np.float32(0.5), 0.9, 0.98, 1e-15, step, 1
-        )
-        gpu.adam_step(
-            value,
-            torch.from_numpy(gradient).to(DEVICE),
-            mean,
-            square,
-            torch.from_numpy(rates).to(DEVICE),
-            0.5,
-            (0.9, 0.98),
-            1e-15,
-            step,
-        )
-    np.testing.assert_allclose(value.numpy(force=True), expected, rtol=1e-5, atol=1e-6)
-
-
 def test_pictures_are_tensors() -> None:
     """What the decoder makes on a GPU, also where one GOP fades into the next."""
     first, second = (
@@ -240,12 +164,13 @@ def test_pictures_are_tensors() -> None:
 def test_fit() -> None:
     """A fit is the same on both backends, but for rounding."""
     pictures = np.random.default_rng(3).integers(0, 256, (2, 6, 8, 3), np.uint8)
+    footage = Footage(pictures, np.array([-1, 1], np.float32))
     fitted = []
     for device in "cpu", PLACE:
-        field = Field(_large(6, 0.0), "hybrid", device)
+        field = Field(examples.all_levels(6, 0.0), "hybrid", backend_on(device, threads=1))
         recipe = replace(MAIN, relocations=(0.5,))
         rng = np.random.default_rng(0)
-        optimise(field, pictures, np.array([-1, 1], np.float32), recipe, Effort(4), rng, threads=1)
+        optimise(field, footage, recipe, Effort(4), rng)
         fitted.append(field.gop())
     for name in Gop.__slots__:
         actual, expected = (getattr(gop, name) for gop in reversed(fitted))

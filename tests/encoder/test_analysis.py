@@ -1,0 +1,66 @@
+"""Frame statistics: shot cuts of real clips, motion, and what is kept of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
+from gsvrcodec.fit.flow import flow_estimator
+from tests import making
+from tests.fit.synthetic import FRAMES, moving_texture, sample
+
+
+class TestAnalyse:
+    @pytest.mark.parametrize("path", FRAMES, ids=lambda path: path.stem)
+    def test_cuts_of_real_clips(self, path: Path) -> None:
+        stats = list(analyse(sample(path), flow_estimator("dis")))
+        assert len(stats) == FRAMES[path]
+        cuts = [number for number, frame in enumerate(stats) if frame.cut]
+        assert cuts == ([0, 12] if path == making.ODD else [0])
+        assert all(frame.motion == 0 for frame in stats if frame.cut)
+        assert any(frame.motion > 0 for frame in stats)
+
+    def test_motion_does_not_depend_on_resolution(self) -> None:
+        small = list(analyse(moving_texture(3, (2, 0), (320, 180)), flow_estimator("dis")))
+        doubled = moving_texture(3, (2, 0), (320, 180)).repeat(2, axis=1).repeat(2, axis=2)
+        large = list(analyse(doubled, flow_estimator("dis")))
+        assert [frame.motion for frame in large] == pytest.approx([frame.motion for frame in small])
+
+    def test_a_static_picture_does_not_move(self) -> None:
+        picture = moving_texture(1, (0, 0))[0]
+        stats = list(analyse([picture] * 4, flow_estimator("dis")))
+        assert [frame.cut for frame in stats] == [True, False, False, False]
+        assert max(frame.motion for frame in stats) < 0.05
+
+    def test_no_frames(self) -> None:
+        assert list(analyse([], flow_estimator("dis"))) == []
+
+
+class TestKept:
+    ANALYSIS = Analysis((FrameStats(0.0, True, 0.0, 0.1 + 0.2), FrameStats(1.5, False)), (-3, 900))
+
+    def test_json_brings_it_back(self) -> None:
+        text = json.dumps(self.ANALYSIS.to_json())
+        assert Analysis.from_json(json.loads(text)) == self.ANALYSIS
+
+    @pytest.mark.parametrize(
+        "value",
+        [
+            None,
+            [],
+            {},
+            {"stats": [], "shown": [1]},
+            {"stats": [], "shown": [1, None]},
+            {"stats": {}, "shown": [1, 2]},
+            {"stats": [{"motion": 1.0}], "shown": [1, 2]},
+            {"stats": [{"motion": 1.0, "cut": True, "speed": 2}], "shown": [1, 2]},
+            {"stats": [3], "shown": [1, 2]},
+        ],
+        ids=str,
+    )
+    def test_another_shape_is_none(self, value: Any) -> None:
+        assert Analysis.from_json(value) is None

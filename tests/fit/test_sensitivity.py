@@ -1,0 +1,76 @@
+"""What a change of each parameter does to the picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.sensitivity import sensitivities
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.render.native import NativeBackend
+from tests import making
+from tests.fit.synthetic import BACKEND, footage, times
+
+SIZE = (96, 64)
+
+
+def pictures(gop: Gop, taus: Float32Array) -> Float32Array:
+    """Return unclamped frames, 255 = white."""
+    prepared = BACKEND.prepare(gop)
+    return np.stack([255 * BACKEND.picture(prepared, float(tau), SIZE, SIZE) for tau in taus])
+
+
+def measured(gop: Gop, frames: int = 3, seed: int = 0, threads: int = 0) -> Gop:
+    shots = footage(np.zeros((frames, SIZE[1], SIZE[0], 3), np.uint8))
+    return sensitivities(shots, gop, np.random.default_rng(seed), NativeBackend(threads))
+
+
+@pytest.fixture(scope="module")
+def gop() -> Gop:
+    return making.random_gop(np.random.default_rng(5), gaussians=150)
+
+
+@pytest.mark.parametrize("name", ["position", "log_scale", "xy"])
+def test_foresees_the_error_of_noise(gop: Gop, name: str) -> None:
+    taus, rng = times(5), np.random.default_rng(1)
+    draws = [measured(gop, 5, seed) for seed in range(8)]
+    foreseen = float(np.mean([getattr(d, name).sum(dtype=np.float64) for d in draws]))
+    values, seen, size = getattr(gop, name), [], math.sqrt(100 / foreseen)
+    for _ in range(8):
+        sign = (2 * rng.integers(0, 2, values.shape) - 1).astype(np.float32)
+        moved = replace(gop, **{name: values + np.float32(size) * sign})
+        error = np.square(pictures(moved, taus) - pictures(gop, taus)).sum() / 3
+        seen.append(float(error) / size**2)
+    assert np.mean(seen) == pytest.approx(foreseen, rel=0.35)
+
+
+def test_what_does_nothing_counts_nothing(gop: Gop) -> None:
+    black = replace(gop, colour=np.zeros_like(gop.colour), xy=np.zeros_like(gop.xy))
+    found = measured(black)
+    assert not found.position.any()
+    assert found.colour.any()
+
+
+def test_threads_do_not_matter(gop: Gop) -> None:
+    one, two = (measured(gop, threads=threads) for threads in (1, 2))
+    for attribute in ATTRIBUTES:
+        np.testing.assert_array_equal(getattr(one, attribute.name), getattr(two, attribute.name))
+
+
+def test_a_picture_counts_for_every_frame_that_shows_it(gop: Gop) -> None:
+    picture = footage(np.zeros((1, SIZE[1], SIZE[0], 3), np.uint8))
+    once, often = (
+        sensitivities(
+            Footage(picture.frames, picture.taus, shown=shown),
+            gop,
+            np.random.default_rng(0),
+            BACKEND,
+        )
+        for shown in (1, 24)
+    )
+    np.testing.assert_allclose(often.colour, 24 * once.colour, rtol=1e-5)
