@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -26,6 +27,9 @@ EXIT_INTERRUPTED = 130
 #: Set to anything to see where an unexpected error comes from.
 DEBUG = "GSVR_DEBUG"
 
+#: An argument in a message of the library: `name` or `name=value`, and no part of a file's name.
+_ARGUMENT = re.compile(r"(?<![^\s(])`([a-z]\w*)(?:='?([^`']*)'?)?`(?![^\s,;:)])")
+
 
 class _FileError(click.ClickException):
     """An error with the name of the file it was found in."""
@@ -42,33 +46,59 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
         command: what to run; it returns its exit code, None = 0.
         args: its arguments; None = those of the process.
     """
-    name = command.name or "gsvrcodec"
-    with _warnings_on_stderr(name), _second_interrupt_at_once():
+    with _warnings_on_stderr(command), _second_interrupt_at_once():
         try:
-            code = command.main(args, prog_name=name, standalone_mode=False)
+            code = command.main(args, prog_name=command.name, standalone_mode=False)
             sys.stdout.flush()
             return code or 0
         except GsvrError as error:
-            return _failed(name, _told(str(error), error), error.exit_code)
+            return _failed(command, _told(str(error), error), error.exit_code)
         except _FileError as error:
-            return _failed(name, error.message, error.status)
+            return _failed(command, error.message, error.status)
         except click.ClickException as error:
-            return _failed(name, error.format_message(), error.exit_code)
+            return _failed(command, error.format_message(), error.exit_code)
         except (click.Abort, KeyboardInterrupt) as error:
             # click turns an interrupt into an Abort, and keeps it as the cause.
-            return _failed(name, _told("interrupted", error.__cause__ or error), EXIT_INTERRUPTED)
+            message = _told("interrupted", error.__cause__ or error)
+            return _failed(command, message, EXIT_INTERRUPTED)
         except BrokenPipeError:
             # The reader has gone: nobody to tell, and nothing more to flush.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_FAILURE
         except MemoryError as error:
-            return _failed(name, _told("out of memory", error), EXIT_FAILURE)
+            return _failed(command, _told("out of memory", error), EXIT_FAILURE)
         except Exception as error:
             if DEBUG in os.environ:
                 raise
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             hint = "" if isinstance(error, OSError) else f" (set {DEBUG}=1 to see where)"
-            return _failed(name, _told(f"{what}{hint}", error), EXIT_FAILURE)
+            return _failed(command, _told(f"{what}{hint}", error), EXIT_FAILURE)
+
+
+def as_options(message: str, parameters: Sequence[click.Parameter]) -> str:
+    """Return a message of the library with its arguments as the options of a command.
+
+    The library writes arguments as in Python, in backticks: `gop_min=9` becomes --gop-min 9,
+    `device='cpu'` --device cpu, `resume=True` --resume and `audio=False` --no-audio. What is not
+    an option of the command stays as it is.
+
+    Args:
+        message: what the library says.
+        parameters: of the command that says it.
+    """
+    options = {each.name: each for each in parameters if isinstance(each, click.Option)}
+
+    def spelled(argument: re.Match[str]) -> str:
+        option, value = options.get(argument[1]), argument[2]
+        if option is None:
+            return argument[0]
+        spellings = option.secondary_opts if value == "False" else option.opts
+        if not spellings:
+            return argument[0]
+        spelling = max(spellings, key=len)
+        return spelling if value in (None, "True", "False") else f"{spelling} {value}"
+
+    return _ARGUMENT.sub(spelled, message)
 
 
 @contextmanager
@@ -165,17 +195,18 @@ def _second_interrupt_at_once() -> Iterator[None]:
         signal.signal(signal.SIGINT, usual)
 
 
-def _failed(name: str, message: str, code: int) -> int:
+def _failed(command: click.Command, message: str, code: int) -> int:
     """Print why a command failed and return its exit code."""
-    click.echo(f"{name}: error: {' '.join(message.split())}", err=True)
+    line = as_options(" ".join(message.split()), command.params)
+    click.echo(f"{command.name}: error: {line}", err=True)
     return code
 
 
 @contextmanager
-def _warnings_on_stderr(name: str) -> Iterator[None]:
+def _warnings_on_stderr(command: click.Command) -> Iterator[None]:
     """Print what the library warns of while the command runs."""
     handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter(f"{name}: %(levelname)s: %(message)s"))
+    handler.setFormatter(_WithOptions(command))
     handler.addFilter(_lower_level)
     handler.addFilter(_Once())
     logger = logging.getLogger("gsvrcodec")
@@ -190,6 +221,17 @@ def _lower_level(record: logging.LogRecord) -> bool:
     """Write "warning" like the rest of the line, in small letters."""
     record.levelname = record.levelname.lower()
     return True
+
+
+class _WithOptions(logging.Formatter):
+    """Writes a record as a line of a command, and arguments as its options."""
+
+    def __init__(self, command: click.Command) -> None:
+        super().__init__(f"{command.name}: %(levelname)s: %(message)s")
+        self._parameters = command.params
+
+    def format(self, record: logging.LogRecord) -> str:
+        return as_options(super().format(record), self._parameters)
 
 
 class _Once(logging.Filter):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import select
@@ -19,9 +20,10 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec.cli import dec, enc, info, report, values
-from gsvrcodec.cli.common import run
+from gsvrcodec.cli.common import as_options, run
 from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
 from gsvrcodec.encoder.encode import Progress
+from gsvrcodec.errors import UsageError
 from tests import making
 from tests.cli.tools import MAINS, ROOT, Runner, start
 
@@ -174,6 +176,57 @@ class TestFailures:
         assert process.stderr.read() == b""
         assert process.wait(timeout=20) == 1
         process.stderr.close()
+
+
+class TestArguments:
+    """The library speaks of arguments, and the commands of their options."""
+
+    @pytest.mark.parametrize(
+        ("message", "printed"),
+        [
+            ("`target_psnr` must be above 0 dB", "--target-psnr must be above 0 dB"),
+            ("`bpp=1e-05` leaves 0 bytes", "--bpp 1e-05 leaves 0 bytes"),
+            ("`gop_min=9` and `gop_max=8`: no", "--gop-min 9 and --gop-max 8: no"),
+            ("`stop_seconds=1` is not after `start_seconds=2`", "--to 1 is not after --ss 2"),
+            ("or choose `device='cpu'`", "or choose --device cpu"),
+            ("(`resume=True` goes on, `overwrite=True` not)", "(--resume goes on, -y not)"),
+            ("`audio=False`; `audio=True`, `audio`", "--no-audio; --audio, --audio"),
+            ("`quiet`", "--quiet"),
+        ],
+    )
+    def test_become_options(self, message: str, printed: str) -> None:
+        assert as_options(message, enc.command.params) == printed
+
+    @pytest.mark.parametrize(
+        "message",
+        [
+            "`keep_going=True` decodes them",  # of another command
+            "`source` and `target`",  # no options
+            "`deinterlace=False`",  # needs no option
+            "bpp=1 without backticks",
+            "`bpp` 2`, ``bpp``, `bpp",
+            "/a/`seed` and `seed`.mp4 and `seed`/b do not exist",
+            "`seed and frames`",
+        ],
+    )
+    def test_others_stay(self, message: str) -> None:
+        expected = message.replace("`bpp` 2`", "--bpp 2`")
+        assert as_options(message, enc.command.params) == expected
+
+    def test_in_errors_notes_and_warnings(self, capsys: pytest.CaptureFixture[str]) -> None:
+        @click.command("gsvrtest")
+        @click.option("--ss", "start_seconds")
+        def command(start_seconds: str | None) -> None:
+            logging.getLogger("gsvrcodec.any").warning("%s is early", "`start_seconds=1`")
+            error = UsageError("`start_seconds` is late")
+            error.add_note("`start_seconds=2` is right")
+            raise error
+
+        assert run(command, []) == 2
+        assert capsys.readouterr().err.splitlines() == [
+            "gsvrtest: warning: --ss 1 is early",
+            "gsvrtest: error: --ss is late; --ss 2 is right",
+        ]
 
 
 class TestValues:
