@@ -34,7 +34,7 @@ class VerificationError(GsvrError, ValueError):
 
 
 class UsageError(GsvrError, ValueError):
-    """Options that contradict each other or do not fit the input."""
+    """Arguments that contradict each other or do not fit the input."""
 
     exit_code: ClassVar[int] = 2
 

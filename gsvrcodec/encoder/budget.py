@@ -73,7 +73,7 @@ def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSetti
         raise UsageError(
             f"{total} parameters are too few: {len(gops)} GOPs need {sum(planes)} for their "
             f"deformation fields and {GAUSSIAN_PARAMETERS} for each Gaussian; "
-            "raise --params or use longer GOPs"
+            "raise `params` or use longer GOPs"
         )
     spare = left // GAUSSIAN_PARAMETERS - len(gops)
     return [min(most, 1 + spare * len(gop) // frames) for gop in gops]

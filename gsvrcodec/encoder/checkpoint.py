@@ -103,7 +103,7 @@ class Checkpoint:
                 count = len(self._entries)
                 error.add_note(
                     f"{count} finished GOP{'s are' if count > 1 else ' is'} kept in {self.path}, "
-                    "--resume goes on from there"
+                    "`resume=True` goes on from there"
                 )
         self._file.close()
 
@@ -168,13 +168,13 @@ class Checkpoint:
         if self._entries and not resume:
             raise OutputError(
                 f"{self.path} holds {len(self._entries)} finished GOPs of an encode that was "
-                "interrupted: --resume goes on with it, -y starts anew"
+                "interrupted: `resume=True` goes on with it, `overwrite=True` starts anew"
             )
         different = ["nothing"] if found is None else list(_differences(found, plan))
         if self._entries and different:
             raise OutputError(
                 f"{self.path} cannot be resumed: it was begun with {', '.join(different)}; "
-                "say the same again, or start anew with -y alone"
+                "say the same again, or start anew with `overwrite=True` alone"
             )
         if different:
             self._begin(plan)
@@ -220,7 +220,8 @@ class Checkpoint:
             except CorruptError:
                 if plan is None:
                     raise OutputError(
-                        f"{self.path} is damaged and cannot be resumed; -y alone starts anew"
+                        f"{self.path} is damaged and cannot be resumed; "
+                        "`overwrite=True` alone starts anew"
                     ) from None
                 # What is damaged is done again.
         return plan
@@ -283,11 +284,17 @@ def _json(data: bytes) -> Any:
         raise CorruptError("not JSON") from error
 
 
-def _differences(was: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """Yield "name old, not new" for every leaf in which two plans differ."""
+def _differences(
+    was: Mapping[str, Any], now: Mapping[str, Any], *, arguments: bool = False
+) -> Iterator[str]:
+    """Yield "name old, not new" for every leaf in which two plans differ.
+
+    The names of settings are arguments.
+    """
     for name in [*was, *(name for name in now if name not in was)]:
         old, new = was.get(name), now.get(name)
         if isinstance(old, dict) and isinstance(new, dict):
-            yield from _differences(old, new)
+            yield from _differences(old, new, arguments=name == "settings")
         elif old != new:
-            yield f"{name.replace('_', '-')} {old}, not {new}"
+            label = f"`{name}`" if arguments else name.replace("_", "-")
+            yield f"{label} {old}, not {new}"

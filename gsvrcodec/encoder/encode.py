@@ -90,7 +90,9 @@ def encode(
     source = fingerprint(src)
     beside = Path(dst) if source and not is_stream(dst) else None
     if resume and beside is None:
-        raise UsageError("--resume needs an input that can be read again and an output on a disk")
+        raise UsageError(
+            "`resume=True` needs an input that can be read again and an output on a disk"
+        )
     begun_with = {"versions": versions(), **source, "settings": chosen.recorded()}
     with (
         rereadable(src) as path,

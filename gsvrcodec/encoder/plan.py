@@ -177,12 +177,12 @@ def _background_share(run: StaticRun) -> float:
 def _wanted(
     settings: EncodeSettings, size: tuple[int, int], frames: int, seconds: float, streams: int
 ) -> tuple[str, float]:
-    """The option that says how large the file is to be, and that size without streams, bytes."""
+    """The argument that says how large the file is to be, and that size without streams, bytes."""
     if settings.bpp is not None:
-        return f"--bpp {settings.bpp:g}", settings.bpp * size[0] * size[1] * frames / 8
+        return f"`bpp={settings.bpp:g}`", settings.bpp * size[0] * size[1] * frames / 8
     if settings.bitrate is not None:
-        return f"--bitrate {settings.bitrate}", settings.bitrate * seconds / 8
-    return f"--target-size {settings.target_size}", (settings.target_size or 0) - streams
+        return f"`bitrate={settings.bitrate}`", settings.bitrate * seconds / 8
+    return f"`target_size={settings.target_size}`", (settings.target_size or 0) - streams
 
 
 def _shares(stats_of: Sequence[Sequence[FrameStats]], total: float, option: str) -> list[int]:

@@ -15,7 +15,7 @@ Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodeSettings:
-    """What an encode is asked for; the same fields as the options of `gsvrenc`."""
+    """What an encode is asked for: the keyword arguments of `gsvrcodec.encode`."""
 
     params: int | None = None  #: stored numbers in the whole file; None = by picture size
     gaussians: int | None = None  #: Gaussians in each GOP; of these six at most one is given
@@ -55,41 +55,40 @@ class EncodeSettings:
         """Check each value, and that they do not contradict each other.
 
         Raises:
-            UsageError: naming the option, as `gsvrenc` spells it.
+            UsageError: naming the argument.
         """
         hints = get_type_hints(type(self))
         for name in ("preset", "profile", "deform", "flow", "pack"):
             if getattr(self, name) not in get_args(hints[name]):
                 allowed = ", ".join(get_args(hints[name]))
-                raise UsageError(f"--{name} must be one of {allowed}, not {getattr(self, name)!r}")
+                raise UsageError(f"`{name}` must be one of {allowed}, not {getattr(self, name)!r}")
         given = [name for name in _SIZES if getattr(self, name) is not None]
         if len(given) > 1:
-            first, second = (name.replace("_", "-") for name in given[:2])
-            raise UsageError(f"--{first} and --{second} exclude each other; give one")
+            raise UsageError(f"`{given[0]}` and `{given[1]}` exclude each other; give one")
         if self.profile == "paper" and self.has_target:
             raise UsageError(
-                f"--profile paper has fixed steps and cannot meet --{given[0].replace('_', '-')}; "
-                "give --params or --gaussians"
+                f"`profile='paper'` has fixed steps and cannot meet `{given[0]}`; "
+                "give `params` or `gaussians`"
             )
         if self.time_budget is not None and self.preset != _DEFAULT_PRESET:
-            raise UsageError("--preset and --time-budget exclude each other; give one")
+            raise UsageError("`preset` and `time_budget` exclude each other; give one")
         for name, low in _LOWEST.items():
             value = getattr(self, name)
             if isinstance(value, int) and value < low:
-                raise UsageError(f"--{name.replace('_', '-')} must be at least {low}, not {value}")
+                raise UsageError(f"`{name}` must be at least {low}, not {value}")
         for name, high in _HIGHEST.items():
             value = getattr(self, name)
             if isinstance(value, int) and value > high:
-                raise UsageError(f"--{name.replace('_', '-')} must be at most {high}, not {value}")
+                raise UsageError(f"`{name}` must be at most {high}, not {value}")
         for name, unit in _POSITIVE.items():
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
-                raise UsageError(f"--{name.replace('_', '-')} must be above 0 {unit}, not {value}")
+                raise UsageError(f"`{name}` must be above 0 {unit}, not {value}")
         if self.gop != "adaptive" and not isinstance(self.gop, int):
-            raise UsageError(f"--gop must be 'adaptive' or a number of frames, not {self.gop!r}")
+            raise UsageError(f"`gop` must be 'adaptive' or a number of frames, not {self.gop!r}")
         if self.gop_max is not None and self.gop_min > self.gop_max:
             raise UsageError(
-                f"--gop-min {self.gop_min} is more than --gop-max {self.gop_max}; lower it"
+                f"`gop_min={self.gop_min}` is more than `gop_max={self.gop_max}`; lower it"
             )
 
     @property

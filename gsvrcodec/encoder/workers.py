@@ -180,7 +180,7 @@ class _Worker:
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             raise WorkerError(
                 f"the process that encoded the GOP at frame {job.first_frame} died (status "
-                f"{self._process.wait()}); if memory ran out, use fewer --workers"
+                f"{self._process.wait()}); if memory ran out, use fewer `workers`"
             ) from error
         if isinstance(answer, BaseException):
             raise answer

@@ -51,7 +51,7 @@ def test_params_are_an_upper_bound(
     settings = EncodeSettings(params=params, deform=deform, profile=profile)
     gops = ranges(lengths)
     if stored(gops, [1] * len(gops), size, settings) > params:
-        with pytest.raises(UsageError, match="raise --params"):
+        with pytest.raises(UsageError, match="raise `params`"):
             allocate(gops, size, settings)
         return
     gaussians = allocate(gops, size, settings)

@@ -79,7 +79,7 @@ class TestResume:
         parts = opened(target)
         parts.add(FIRST, OTHERS, b"x")
         (note,) = failed(parts)
-        assert note.startswith(f"1 finished GOP is kept in {target}.part, --resume")
+        assert note.startswith(f"1 finished GOP is kept in {target}.part, `resume=True`")
 
     def test_a_link_keeps_its_parts_beside_what_it_points_to(self, target: Path) -> None:
         (target.parent / "real").mkdir()
@@ -98,17 +98,17 @@ class TestRefused:
     def test_without_being_asked(self, target: Path) -> None:
         path = interrupted(target)
         before = path.read_bytes()
-        with pytest.raises(OutputError, match=r"2 finished GOPs .* --resume .* -y"):
+        with pytest.raises(OutputError, match=r"2 finished .* `resume=True` .* `overwrite=True`"):
             opened(target, resume=False)
         assert path.read_bytes() == before
 
-    def test_y_starts_anew(self, target: Path) -> None:
+    def test_overwriting_starts_anew(self, target: Path) -> None:
         interrupted(target)
         with opened(target, resume=False, restart=True) as parts:
             assert len(parts) == 0
             assert parts.analysis is None
 
-    def test_resume_is_stronger_than_y(self, target: Path) -> None:
+    def test_resuming_is_stronger_than_overwriting(self, target: Path) -> None:
         interrupted(target)
         with opened(target, resume=True, restart=True) as parts:
             assert len(parts) == 2
@@ -117,10 +117,10 @@ class TestRefused:
         ("changed", "message"),
         [
             ({"version": "2"}, "begun with version 1, not 2;"),
-            ({"settings": {"seed": 1, "crop": (1, 2), "gop_min": 12}}, "with seed 0, not 1;"),
+            ({"settings": {"seed": 1, "crop": (1, 2), "gop_min": 12}}, "with `seed` 0, not 1;"),
             (
                 {"settings": {"seed": 0, "crop": None, "gop_min": 13}},
-                r"with crop \[1, 2\], not None, gop-min 12, not 13;",
+                r"with `crop` \[1, 2\], not None, `gop_min` 12, not 13;",
             ),
             ({"new": 3}, "with new None, not 3;"),
         ],

@@ -72,7 +72,7 @@ class TestSettings:
         assert 0.98 * params < stored <= params
 
     def test_too_few_params_fail(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="raise --params"):
+        with pytest.raises(UsageError, match="raise `params`"):
             quick(making.NOISE, tmp_path / "a.gsvr", params=20)
         assert not list(tmp_path.iterdir())
 
@@ -147,7 +147,7 @@ class TestProgress:
         with pytest.raises(KeyboardInterrupt) as caught:
             quick(making.NOISE, tmp_path / "a.gsvr", gop=4, progress=interrupt)
         assert caught.value.__notes__ == [
-            f"1 finished GOP is kept in {tmp_path}/a.gsvr.part, --resume goes on from there"
+            f"1 finished GOP is kept in {tmp_path}/a.gsvr.part, `resume=True` goes on from there"
         ]
         assert [path.name for path in tmp_path.iterdir()] == ["a.gsvr.part"]
 

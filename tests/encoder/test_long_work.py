@@ -81,12 +81,12 @@ class TestWorkersAndResume:
         quick(making.NOISE, tmp_path / "a.gsvr", resume=True, **SETTINGS)
         assert (tmp_path / "a.gsvr").read_bytes() == whole
 
-    def test_y_starts_anew(self, whole: bytes, tmp_path: Path) -> None:
+    def test_overwriting_starts_anew(self, whole: bytes, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"
         stopped(target, 1, **{**SETTINGS, "seed": 3})
-        with pytest.raises(OutputError, match=r"1 finished GOPs .*--resume"):
+        with pytest.raises(OutputError, match=r"1 finished GOPs .*`resume=True`"):
             quick(making.NOISE, target, **SETTINGS)
-        with pytest.raises(OutputError, match="begun with seed 3, not 0;"):
+        with pytest.raises(OutputError, match="begun with `seed` 3, not 0;"):
             quick(making.NOISE, target, resume=True, **SETTINGS)
         quick(making.NOISE, target, overwrite=True, **SETTINGS)
         assert target.read_bytes() == whole

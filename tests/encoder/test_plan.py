@@ -156,9 +156,9 @@ class TestPlan:
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
-            ({"bpp": 1e-5}, "--bpp 1e-05 leaves 0 bytes for 1 GOPs"),
-            ({"bitrate": 9000}, "--bitrate 9000 leaves 1250 bytes"),
-            ({"target_size": 2000}, "--target-size 2000 leaves 1000 bytes"),
+            ({"bpp": 1e-5}, "`bpp=1e-05` leaves 0 bytes for 1 GOPs"),
+            ({"bitrate": 9000}, "`bitrate=9000` leaves 1250 bytes"),
+            ({"target_size": 2000}, "`target_size=2000` leaves 1000 bytes"),
         ],
     )
     def test_too_little_fails(self, settings: dict[str, Any], message: str) -> None:

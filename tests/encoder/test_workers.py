@@ -99,7 +99,7 @@ def test_a_killed_process_is_a_clear_error() -> None:
     killer = threading.Timer(0.5, lambda: os.kill(min(children() - before), signal.SIGKILL))
     killer.start()
     began = time.monotonic()
-    with pytest.raises(WorkerError, match=r"GOP at frame \d died \(status -9\).*--workers"):
+    with pytest.raises(WorkerError, match=r"GOP at frame \d died \(status -9\).*fewer `workers`"):
         list(fitted)
     assert time.monotonic() - began < 30
     assert children() == before

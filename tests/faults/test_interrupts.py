@@ -126,10 +126,10 @@ class TestState:
     @pytest.mark.parametrize(
         ("options", "difference"),
         [
-            (["--seed", "1"], "seed 0, not 1"),
-            (["--gaussians", "51"], "gaussians 50, not 51"),
-            (["--no-audio"], "audio True, not False"),
-            (["--crop", "64:64"], "crop None, not [64, 64, None, None]"),
+            (["--seed", "1"], "--seed 0, not 1"),
+            (["--gaussians", "51"], "--gaussians 50, not 51"),
+            (["--no-audio"], "--audio True, not False"),
+            (["--crop", "64:64"], "--crop None, not [64, 64, None, None]"),
         ],
         ids=lambda value: value[0] if isinstance(value, list) else None,
     )
