@@ -58,7 +58,7 @@ def check_output(
         if not path.resolve().parent.is_dir():
             raise OutputError(f"{path.parent} is not a directory; create it first")
         if not overwrite and path.is_file():
-            raise OutputError(f"{path} exists already; use -y to overwrite it")
+            raise OutputError(f"{path} exists already; use `overwrite=True` to replace it")
     except (OSError, ValueError) as error:
         if isinstance(error, OutputError):
             raise

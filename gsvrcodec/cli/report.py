@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,6 +19,10 @@ from gsvrcodec.cli.common import (
 )
 from gsvrcodec.cli.tables import print_study
 from gsvrcodec.cli.values import crop as crop_value
+from gsvrcodec.cli.values import references
+
+if TYPE_CHECKING:
+    from gsvrcodec.report.reference import Reference
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -30,6 +35,8 @@ def main(args: Sequence[str] | None = None) -> int:
 @click.argument("coded", metavar="INPUT.gsvr ...", nargs=-1, required=True)
 @click.option(
     "--against",
+    type=references,
+    default="",
     metavar="NAMES",
     help="Encode the source with these too: x264, x265, svtav1, separated by commas; with "
     ":key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=source behind a name.",
@@ -69,7 +76,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def command(
     source: str,
     coded: tuple[str, ...],
-    against: str | None,
+    against: list[Reference],
     json_path: str | None,
     csv_path: str | None,
     plot_path: str | None,
@@ -88,14 +95,12 @@ def command(
     """
     from gsvrcodec.cli.progress import FrameDisplay
     from gsvrcodec.files import check_input, check_output
-    from gsvrcodec.report.reference import parse_reference
     from gsvrcodec.report.study import study
 
     if json_path == csv_path == "-":
         raise click.UsageError("--json and --csv cannot both go to the standard output")
     if csv_path is not None and len(coded) > 1:
         raise click.UsageError("--csv is for one file; give one, or use --json")
-    references = [parse_reference(name) for name in against.split(",")] if against else []
     for path in (source, *coded):
         check_input(path)
     outputs = {path: False for path in (json_path, csv_path, plot_path) if path not in (None, "-")}
@@ -107,7 +112,7 @@ def command(
         result = study(
             source,
             coded,
-            references,
+            against,
             crop=crop,
             start_frame=start_frame,
             threads=threads,

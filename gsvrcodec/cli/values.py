@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
+
+from gsvrcodec.errors import UsageError
+
+if TYPE_CHECKING:
+    from gsvrcodec.report.reference import Reference
 
 _TIME = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d{1,12}(?:\.\d{1,12})?)", re.ASCII)
 _RATE = re.compile(r"\d{1,12}(?:\.\d{1,12}|/\d{1,12})?", re.ASCII)
@@ -85,3 +90,13 @@ def size(text: str) -> tuple[int, int]:
     if match is None:
         raise click.BadParameter(f"{text!r} is not WxH in pixels, such as 1280x720 or 1280x-2")
     return int(match[1]), int(match[2])
+
+
+def references(text: str) -> list[Reference]:
+    """Return the encoders that x264 or x264:key=12,svtav1 stands for."""
+    from gsvrcodec.report.reference import parse_reference
+
+    try:
+        return [parse_reference(name) for name in text.split(",")] if text else []
+    except UsageError as error:
+        raise click.BadParameter(str(error)) from error

@@ -340,7 +340,7 @@ class Decoder:
             found = sum(entry.frames for entry in self._reader.gops)
             raise CorruptError(
                 f"the file is cut short or damaged: {self._reader.warnings[0]}; "
-                f"{found} frames were found, which --keep-going decodes"
+                f"{found} frames were found, which `keep_going=True` decodes"
             )
 
     def _number(self, index: int) -> int:

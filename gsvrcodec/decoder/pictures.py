@@ -43,7 +43,7 @@ class PictureMaker:
         """Refuse what no picture can be."""
         if self.layers not in get_args(Layers):
             raise UsageError(
-                f"layers must be one of {', '.join(get_args(Layers))}, not {self.layers!r}"
+                f"`layers` must be one of {', '.join(get_args(Layers))}, not {self.layers!r}"
             )
         if not 8 <= self.bit_depth <= 16:
             raise UsageError(f"the bit depth must be 8 to 16, not {self.bit_depth}")

@@ -140,9 +140,9 @@ def schedule(
         CorruptError: the part begins or ends in a damaged GOP.
     """
     if start_seconds is not None and start_frame:
-        raise UsageError("give the start as a frame or as a time, not both")
+        raise UsageError("`start_seconds` and `start_frame` exclude each other; give one")
     if stop_seconds is not None and frames is not None:
-        raise UsageError("give the end as a number of frames or as a time, not both")
+        raise UsageError("`stop_seconds` and `frames` exclude each other; give one")
     length, meta = len(decoder), decoder.metadata
     if not 0 <= start_frame < length:
         raise UsageError(f"frame {start_frame} is out of range: the video has {length} frames")

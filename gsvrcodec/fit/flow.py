@@ -57,7 +57,8 @@ def _raft() -> FlowEstimator:
         from torchvision.models.optical_flow import Raft_Small_Weights, raft_small
     except ImportError as error:
         raise UsageError(
-            "--flow raft needs torchvision, which is not installed: install it, or use --flow dis"
+            "`flow='raft'` needs torchvision, which is not installed: install it, "
+            "or use `flow='dis'`"
         ) from error
     import torch
 

@@ -1,4 +1,4 @@
-"""Which device renders: the choice of `--device`."""
+"""Which device renders: the choice of `device`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsvrcodec.errors import DeviceError, UsageError
 #: Present where a driver for GPUs is: NVIDIA's, that of WSL, AMD's.
 _DRIVERS = (Path("/dev/nvidiactl"), Path("/dev/dxg"), Path("/dev/kfd"))
 
-_ELSE = "; or choose --device cpu"
+_ELSE = "; or choose `device='cpu'`"
 
 
 def choose_device(device: str) -> str:
@@ -34,9 +34,9 @@ def choose_device(device: str) -> str:
         return "cuda:0" if usable else "cpu"
     match = re.fullmatch(r"cuda(?::(\d{1,3}))?", device)
     if not match:
-        raise UsageError(f"--device must be auto, cpu, cuda or cuda:N, not {device!r}")
+        raise UsageError(f"`device` must be auto, cpu, cuda or cuda:N, not {device!r}")
     if missing := _missing():
-        raise DeviceError(f"--device {device}: {missing}{_ELSE}")
+        raise DeviceError(f"`device={device!r}`: {missing}{_ELSE}")
     return f"cuda:{_checked(int(match[1] or 0))}"
 
 
@@ -60,5 +60,5 @@ def _checked(index: int) -> int:
 
     count = torch.cuda.device_count()
     if index >= count:
-        raise DeviceError(f"--device cuda:{index}: the GPUs here are cuda:0 to cuda:{count - 1}")
+        raise DeviceError(f"`device='cuda:{index}'`: the GPUs here are cuda:0 to cuda:{count - 1}")
     return index

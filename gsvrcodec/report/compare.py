@@ -158,7 +158,7 @@ def _check_size(video: VideoReader, meta: Metadata) -> None:
     if (info.width, info.height) != (meta.width, meta.height):
         raise UsageError(
             f"{info.path} gives pictures of {info.width}x{info.height}, the file has "
-            f"{meta.width}x{meta.height}; give the --crop it was made with"
+            f"{meta.width}x{meta.height}; give the `crop` it was made with"
         )
 
 

@@ -63,7 +63,7 @@ class FileInfo:
         return own + sum(background.parameters for background in self.backgrounds)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `gsvrinfo --json` prints."""
+        """Return all of it as JSON can hold it."""
         meta = self.metadata
         return {
             "file": self.path,

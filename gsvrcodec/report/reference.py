@@ -122,12 +122,12 @@ def parse_reference(text: str) -> Reference:
     """
     codec, *settings = text.split(":")
     if codec not in _LIBRARIES:
-        raise UsageError(f"--against {text}: the encoders are {', '.join(_LIBRARIES)}")
+        raise UsageError(f"{codec!r} is not known: the encoders are {', '.join(_LIBRARIES)}")
     library = _LIBRARIES[codec]
     if not has_encoder(library.encoder):
         there = [name for name, other in _LIBRARIES.items() if has_encoder(other.encoder)]
         raise UsageError(
-            f"--against {codec}: this PyAV was built without {library.encoder}; "
+            f"{codec}: this PyAV was built without {library.encoder}; "
             f"it has {', '.join(there) or 'none of the encoders known here'}"
         )
     reference = Reference(codec=codec, preset=library.preset)
@@ -147,7 +147,7 @@ def parse_reference(text: str) -> Reference:
             reference = replace(reference, input="source")
         else:
             raise UsageError(
-                f"--against {text}: {setting!r} is none of intra, key=N, key=same, "
+                f"{text}: {setting!r} is none of intra, key=N, key=same, "
                 "preset=NAME, tune=NAME, input=source"
             )
     return reference

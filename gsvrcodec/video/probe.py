@@ -97,7 +97,7 @@ def opened(
         if container.format.name in _TEXT_ART:
             raise NotAVideoError(f"{path} is not a video: it looks like text")
         if rate is not None and container.format.name not in _UNTIMED:
-            raise UsageError(f"--rate is for pictures and raw streams; {path} has its own times")
+            raise UsageError(f"`rate` is for pictures and raw streams; {path} has its own times")
         streams = [stream for stream in container.streams.video if not _is_cover(stream)]
         if not streams:
             kinds = sorted({stream.type for stream in container.streams if stream.type != "video"})

@@ -173,7 +173,7 @@ def open_video(
         NotAVideoError: it is no video, or one without a single frame.
         UnsupportedError: it is interlaced.
         UsageError: the crop does not fit into the picture, a frame number is out of range, or
-            options contradict each other.
+            arguments contradict each other.
     """
     part = Part(start_frame, frames, start_seconds, stop_seconds)
     frame_rate = _frame_rate(rate)
@@ -182,7 +182,8 @@ def open_video(
         raise UsageError(f"frame {start_frame} is past the end: {path} has {info.frames} frames")
     if info.interlaced and not deinterlace:
         raise UnsupportedError(
-            f"{path} is interlaced, which cannot be coded; --deinterlace makes whole pictures of it"
+            f"{path} is interlaced, which cannot be coded; "
+            "`deinterlace=True` makes whole pictures of it"
         )
     for warning in _warnings(info):
         _log.warning("%s: %s", path, warning)

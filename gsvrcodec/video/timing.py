@@ -52,16 +52,16 @@ class Part:
         """Check that there can be such frames.
 
         Raises:
-            UsageError: naming the option, as `gsvrenc` spells it.
+            UsageError: naming the arguments.
         """
         if self.start_frame < 0:
             raise UsageError(f"the first frame must be 0 or more, not {self.start_frame}")
         if self.frames is not None and self.frames < 1:
             raise UsageError(f"the number of frames must be 1 or more, not {self.frames}")
         if self.start_seconds is not None and self.start_frame:
-            raise UsageError("--ss and --start-frame exclude each other; give one")
+            raise UsageError("`start_seconds` and `start_frame` exclude each other; give one")
         if self.stop_seconds is not None and self.frames is not None:
-            raise UsageError("--to and --frames exclude each other; give one")
+            raise UsageError("`stop_seconds` and `frames` exclude each other; give one")
         for seconds in (self.start_seconds, self.stop_seconds):
             if seconds is not None and not isfinite(seconds):
                 raise UsageError(f"a time in seconds must be finite, not {seconds}")
@@ -71,7 +71,8 @@ class Part:
             and self.start_seconds >= self.stop_seconds
         ):
             raise UsageError(
-                f"--to {float(self.stop_seconds):g} is not after --ss {float(self.start_seconds):g}"
+                f"`stop_seconds={float(self.stop_seconds):g}` is not after "
+                f"`start_seconds={float(self.start_seconds):g}`"
             )
 
     def starts(self, number: int, pts: int, time_base: Fraction) -> bool:

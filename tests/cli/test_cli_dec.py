@@ -129,8 +129,8 @@ class TestRanges:
     @pytest.mark.parametrize(
         ("args", "message"),
         [
-            (["--ss", "0.1", "--start-frame", "3"], "as a frame or as a time, not both"),
-            (["--to", "0.1", "--frames", "3"], "as a number of frames or as a time"),
+            (["--ss", "0.1", "--start-frame", "3"], "--ss and --start-frame exclude each other"),
+            (["--to", "0.1", "--frames", "3"], "--to and --frames exclude each other"),
             (["--ss", "0.3", "--to", "0.2"], "no frame starts in this part"),
             (["--ss", "9"], "the video runs from 0 s to 0.48 s"),
             (["--ss", "1:2:3:4"], "'1:2:3:4' is not a time such as 90.5"),

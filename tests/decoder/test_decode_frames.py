@@ -225,7 +225,9 @@ class TestBadFiles:
             middle = reader.gops[3].offset + 40
         cut = tmp_path / "cut.gsvr"
         cut.write_bytes(path.read_bytes()[:middle])
-        with pytest.raises(CorruptError, match="10 frames were found, which --keep-going decodes"):
+        with pytest.raises(
+            CorruptError, match="10 frames were found, which `keep_going=True` decodes"
+        ):
             gsvrcodec.open(cut)
         with gsvrcodec.open(cut, keep_going=True) as decoder:
             assert decoder.recovered

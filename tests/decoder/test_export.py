@@ -128,8 +128,8 @@ class TestSchedule:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"start_frame": 1, "start_seconds": 0.2}, "as a frame or as a time"),
-            ({"frames": 1, "stop_seconds": 0.2}, "as a number of frames or as a time"),
+            ({"start_frame": 1, "start_seconds": 0.2}, "`start_seconds` and `start_frame` exclude"),
+            ({"frames": 1, "stop_seconds": 0.2}, "`stop_seconds` and `frames` exclude"),
             ({"start_frame": 12}, "the video has 12 frames"),
             ({"start_frame": -1}, "frame -1 is out of range"),
             ({"frames": 0}, "must be 1 or more, not 0"),

@@ -42,7 +42,7 @@ class TestRaft:
     def test_without_torchvision_fails(self, monkeypatch: pytest.MonkeyPatch) -> None:
         for name in ("torchvision", "torchvision.models.optical_flow"):
             monkeypatch.setitem(sys.modules, name, None)
-        with pytest.raises(UsageError, match=r"--flow raft needs torchvision.*--flow dis"):
+        with pytest.raises(UsageError, match=r"`flow='raft'` needs torchvision.*`flow='dis'`"):
             flow_estimator("raft")
 
     def test_encode_without_torchvision_leaves_nothing(

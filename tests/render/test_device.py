@@ -21,7 +21,7 @@ with_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 
 @pytest.mark.parametrize("device", ["gpu", "cuda:", "cuda:-1", "cuda:1234", "", "CPU"])
 def test_unknown_fails(device: str) -> None:
-    with pytest.raises(UsageError, match="--device must be auto, cpu, cuda or cuda:N"):
+    with pytest.raises(UsageError, match="`device` must be auto, cpu, cuda or cuda:N"):
         choose_device(device)
 
 
@@ -37,7 +37,7 @@ def test_auto_is_the_cpu_where_no_gpu_is() -> None:
 @no_gpu
 @pytest.mark.parametrize("device", ["cuda", "cuda:3"])
 def test_missing_gpu_fails(device: str) -> None:
-    with pytest.raises(DeviceError, match=rf"--device {device}: .*; or choose --device cpu$"):
+    with pytest.raises(DeviceError, match=rf"`device='{device}'`: .*; or choose `device='cpu'`$"):
         choose_device(device)
     with pytest.raises(DeviceError):
         gsvrcodec.open(VECTOR, device=device)

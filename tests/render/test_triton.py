@@ -179,7 +179,7 @@ def test_fit() -> None:
 
 def test_memory_that_does_not_suffice() -> None:
     with (
-        pytest.raises(DeviceError, match=r"does not suffice to dance; .* or choose --device cpu"),
+        pytest.raises(DeviceError, match=r"does not suffice to dance; .* or choose `device='cpu'`"),
         gpu.memory_checked("dance"),
     ):
         raise torch.OutOfMemoryError

@@ -113,7 +113,7 @@ class TestOrientation:
 
 class TestInterlaced:
     def test_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(UnsupportedError, match=r"is interlaced.*--deinterlace"):
+        with pytest.raises(UnsupportedError, match=r"is interlaced.*`deinterlace=True`"):
             open_video(fields(tmp_path / "a.mkv"))
 
     def test_deinterlaced(self, tmp_path: Path) -> None:
@@ -245,10 +245,16 @@ class TestPart:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"start_seconds": 1, "start_frame": 2}, "--ss and --start-frame exclude"),
-            ({"stop_seconds": 1, "frames": 2}, "--to and --frames exclude"),
-            ({"start_seconds": 2, "stop_seconds": 1.5}, "--to 1.5 is not after --ss 2"),
-            ({"start_seconds": 1, "stop_seconds": 1}, "--to 1 is not after --ss 1"),
+            ({"start_seconds": 1, "start_frame": 2}, "`start_seconds` and `start_frame` exclude"),
+            ({"stop_seconds": 1, "frames": 2}, "`stop_seconds` and `frames` exclude"),
+            (
+                {"start_seconds": 2, "stop_seconds": 1.5},
+                "`stop_seconds=1.5` is not after `start_seconds=2`",
+            ),
+            (
+                {"start_seconds": 1, "stop_seconds": 1},
+                "`stop_seconds=1` is not after `start_seconds=1`",
+            ),
             ({"start_seconds": float("nan")}, "must be finite"),
         ],
     )

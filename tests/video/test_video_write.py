@@ -274,7 +274,7 @@ class TestWholeOrNothing:
     def test_existing_fails(self, tmp_path: Path) -> None:
         target = tmp_path / "out.mp4"
         target.write_bytes(b"old")
-        with pytest.raises(OutputError, match="use -y to overwrite"):
+        with pytest.raises(OutputError, match="use `overwrite=True`"):
             making.write_video(target, [BARS])
         assert target.read_bytes() == b"old"
 

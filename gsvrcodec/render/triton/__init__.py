@@ -36,7 +36,7 @@ def memory_checked(what: str) -> Iterator[None]:
     except torch.OutOfMemoryError as error:
         raise DeviceError(
             f"the memory of the GPU does not suffice to {what}; free some of it, use smaller "
-            "pictures, fewer Gaussians or a smaller --gop-max, or choose --device cpu"
+            "pictures, fewer Gaussians or shorter GOPs, or choose `device='cpu'`"
         ) from error
 
 
