@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -129,6 +130,17 @@ def test_imports_are_allowed(part: str) -> None:
                 continue
             assert name in ALLOWED[part], f"{path.name} of {part} imports {name}"
             assert path.name in ONLY_IN.get((part, name), {path.name}), f"{path.name}: {name}"
+
+
+def test_options_belong_to_the_commands() -> None:
+    """The library has arguments; `gsvrcodec.cli` spells them as options where it prints them."""
+    option = re.compile(r"(?<![\w-])(?:--[a-z]|-y\b)")
+    for part, path in sources():
+        if part == "cli":
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert not option.search(node.value), f"{path}, line {node.lineno}: {node.value}"
 
 
 def test_few_modules_stand_at_the_top() -> None:
