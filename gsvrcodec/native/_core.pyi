@@ -73,7 +73,3 @@ def adam_step(
     threads: int = 0,
 ) -> None:
     """One step of Adam in place; `lr` has one entry, or one for each column of the last axis."""
-
-# For tests/benchmarks alone.
-def bench_plain(parameters: Parameters, out: Array, threads: int) -> None: ...
-def bench_peak(threads: int) -> float: ...

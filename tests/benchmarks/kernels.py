@@ -3,7 +3,8 @@
 Prints milliseconds of a forward render (deformation, rasterisation, conversion to uint8 RGB) and of
 a training step (forward, squared error, gradients of all parameters, Adam) by instruction set and
 number of threads, against a plain kernel (scalar source over 16x32 tiles, vectorised by the
-compiler, without deformation) that runs on the same threads in the same run.
+compiler, without deformation) that runs on the same threads in the same run. The plain kernel is
+built first, with g++, cmake and ninja.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from gsvrcodec.model.order import strip_order
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import parameters
 from tests.benchmarks.machine import machine
+from tests.benchmarks.native import Baseline
 
 SIZE = (1280, 640)
 GAUSSIANS = 40_000
@@ -89,7 +91,13 @@ def median_ms(call: Callable[[], object], repeat: int) -> float:
 
 
 def measure(
-    gop: Gop, size: tuple[int, int], coded: tuple[int, int], threads: int, repeat: int, plain: bool
+    baseline: Baseline,
+    gop: Gop,
+    size: tuple[int, int],
+    coded: tuple[int, int],
+    threads: int,
+    repeat: int,
+    plain: bool,
 ) -> Row:
     width, height = size
     core = parameters(gop)
@@ -115,13 +123,14 @@ def measure(
     forward = median_ms(lambda: _core.render_rgb8(core, taus[:1], out[:1], *coded, threads), repeat)
     batch = median_ms(lambda: _core.render_rgb8(core, taus, out, *coded, threads), repeat) / 8
     step_ms = median_ms(step, repeat)
+    isa = _core.isa()
     plain_ms = (
-        median_ms(lambda: _core.bench_plain(core, out[0], threads), repeat) if plain else None
+        median_ms(lambda: baseline.render(gop, isa, threads, out[0]), repeat) if plain else None
     )
     rate = evaluations(gop, height / coded[1]) / batch * 1e3
-    peak = statistics.median(_core.bench_peak(threads) for _ in range(5))
+    peak = statistics.median(baseline.multiply_adds_per_second(isa, threads) for _ in range(5))
     return Row(
-        isa=_core.isa(),
+        isa=isa,
         threads=threads,
         gaussians=len(gop),
         width=width,
@@ -169,6 +178,7 @@ def main() -> None:
         "--no-sweep", action="store_true", help="leave out the cost against N, pixels"
     )
     options = parser.parse_args()
+    baseline = Baseline()
     about = {
         "machine": machine(),
         "command": "python -m tests.benchmarks.kernels " + " ".join(sys.argv[1:]),
@@ -183,7 +193,7 @@ def main() -> None:
     def run(
         gop: Gop, size: tuple[int, int], coded: tuple[int, int], threads: int, plain: bool
     ) -> Row:
-        row = measure(gop, size, coded, threads, options.repeat, plain)
+        row = measure(baseline, gop, size, coded, threads, options.repeat, plain)
         rows.append(row)
         show(row)
         return row

@@ -15,30 +15,23 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.cmake_build import ROOT, build
 
 
 def output(*command: str) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
-def build(folder: Path) -> Path:
+def build_core(folder: Path) -> Path:
     """Build the core in `folder` and return it."""
-    compiler = os.environ.get("CXX", "g++")
-    nanobind = output(sys.executable, "-m", "nanobind", "--cmake_dir")
     definitions = {
         "CMAKE_BUILD_TYPE": "RelWithDebInfo",
-        "CMAKE_CXX_COMPILER": compiler,
+        "CMAKE_CXX_COMPILER": os.environ.get("CXX", "g++"),
         "GSVR_SANITIZE": "ON",
         "Python_EXECUTABLE": sys.executable,
-        "nanobind_DIR": nanobind,
+        "nanobind_DIR": output(sys.executable, "-m", "nanobind", "--cmake_dir"),
     }
-    options = [f"-D{name}={value}" for name, value in definitions.items()]
-    source = ROOT / "gsvrcodec" / "native"
-    subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", *options], check=True)
-    subprocess.run(["cmake", "--build", folder, "--target", "_core"], check=True)
-    (core,) = folder.glob("_core*.so")
-    return core
+    return build(ROOT / "gsvrcodec" / "native", folder, "_core", definitions)
 
 
 def stage(core: Path, folder: Path) -> None:
@@ -54,7 +47,7 @@ def main() -> int:
     split = arguments.index("--") if "--" in arguments else len(arguments)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments[0]).resolve() if split else Path(temporary, "build")
-        core = build(folder)
+        core = build_core(folder)
         staged = Path(temporary, "staged")
         staged.mkdir()
         stage(core, staged)

@@ -5,7 +5,6 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include "bench.hpp"
 #include "core.hpp"
 #include "isa.hpp"
 #include "pool.hpp"
@@ -155,19 +154,6 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
                     threads);
 }
 
-void bench_plain(const Parameters &parameters, Image<std::uint8_t> out, int threads) {
-    const auto size = checked(out.shape(1), out.shape(0));
-    threads = gsvr::resolve_threads(threads);
-    nb::gil_scoped_release release;
-    gsvr::bench_plain(parameters.model, size, threads, out.data());
-}
-
-double bench_peak(int threads) {
-    threads = gsvr::resolve_threads(threads);
-    nb::gil_scoped_release release;
-    return gsvr::bench_peak(threads);
-}
-
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -194,6 +180,4 @@ NB_MODULE(_core, m) {
           "coded_height"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
     m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
           exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
-    m.def("bench_plain", &bench_plain, "parameters"_a, exact("out"), "threads"_a);
-    m.def("bench_peak", &bench_peak, "threads"_a);
 }

@@ -1,7 +1,10 @@
-// The plain rasteriser and the multiply-add loop of one instruction set, see bench.hpp.
-#include "bench.hpp"
+// The plain rasteriser and the multiply-add loop, compiled for one instruction set. The source is
+// scalar: the compiler vectorises it, as it would a renderer that was not written for SIMD.
+#include "baseline.hpp"
 
 #include <cstddef>
+
+#include "kernels.hpp"
 
 #if defined(__SSE2__)
 #include <immintrin.h>
@@ -31,8 +34,10 @@ static inline float plain_exp(float x) {
     return __builtin_bit_cast(float, __builtin_bit_cast(int, p) + whole * (1 << 23));
 }
 
-void plain_project(const Model &m, Size size, int begin, int end, PlainSplat *splats) {
-    const float width = static_cast<float>(size.width), height = static_cast<float>(size.height);
+void plain_project(const PlainGaussians &m, PlainFrame frame, int begin, int end,
+                   PlainSplat *splats) {
+    const float width = static_cast<float>(frame.width);
+    const float height = static_cast<float>(frame.height);
     for (int i = begin; i < end; ++i) {
         const float s0 = __builtin_expf(2.0f * m.log_scale[2 * i]);
         const float s1 = __builtin_expf(2.0f * m.log_scale[2 * i + 1]);
@@ -60,8 +65,8 @@ void plain_project(const Model &m, Size size, int begin, int end, PlainSplat *sp
     }
 }
 
-void plain_tile(const PlainSplat *splats, const int *list, int count, int x, int y, Size size,
-                std::uint8_t *out) {
+void plain_tile(const PlainSplat *splats, const int *list, int count, int x, int y,
+                PlainFrame frame, std::uint8_t *out) {
     float sum[3][kTileHeight][kTileWidth] = {};
     for (int n = 0; n < count; ++n) {
         const PlainSplat s = splats[list[n]];
@@ -79,10 +84,10 @@ void plain_tile(const PlainSplat *splats, const int *list, int count, int x, int
             }
         }
     }
-    for (int row = 0; row < min(kTileHeight, size.height - y); ++row)
-        for (int i = 0; i < min(kTileWidth, size.width - x); ++i)
+    for (int row = 0; row < min(kTileHeight, frame.height - y); ++row)
+        for (int i = 0; i < min(kTileWidth, frame.width - x); ++i)
             for (int c = 0; c < 3; ++c)
-                out[(static_cast<std::ptrdiff_t>(y + row) * size.width + x + i) * 3 + c] =
+                out[(static_cast<std::ptrdiff_t>(y + row) * frame.width + x + i) * 3 + c] =
                     static_cast<std::uint8_t>(min(max(sum[c][row][i], 0.0f), 1.0f) * 255.0f + 0.5f);
 }
 
@@ -100,8 +105,8 @@ double multiply_add(std::int64_t rounds, float *sink) {
 }  // namespace
 }  // namespace GSVR_ISA
 
-extern const BenchKernels GSVR_JOIN(kBench_, GSVR_ISA);
-const BenchKernels GSVR_JOIN(kBench_, GSVR_ISA) = {
+extern const BaselineKernels GSVR_JOIN(kBaseline_, GSVR_ISA);
+const BaselineKernels GSVR_JOIN(kBaseline_, GSVR_ISA) = {
     GSVR_NAME(GSVR_ISA),
     GSVR_ISA::plain_project,
     GSVR_ISA::plain_tile,
