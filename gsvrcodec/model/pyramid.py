@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
-
-#: Levels of a picture; level l has 1/2^l of its width and height.
-LEVELS = 5
-#: Smallest scale of a Gaussian on a level above 0, pixels of that level.
-LEVEL_SCALE = 1.0
+from gsvrcodec.model.reconstruction import LEVEL_SCALE, LEVELS
 
 
 def zoom(size: tuple[int, int], coded_size: tuple[int, int]) -> float:

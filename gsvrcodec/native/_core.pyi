@@ -6,6 +6,7 @@ Array = Any
 def isa() -> str: ...  # the instruction set in use
 def isas() -> list[str]: ...  # those that this machine has, best first
 def use_isa(name: str) -> None: ...
+def constants() -> dict[str, float]: ...  # of reconstruction, by their Python names
 def resolve_threads(requested: int) -> int: ...
 
 class Parameters:

@@ -15,15 +15,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.pyramid import LEVELS, level_of, level_size, zoom
+from gsvrcodec.model.pyramid import level_of, level_size, zoom
+from gsvrcodec.model.reconstruction import (
+    ANTIALIAS,
+    CUTOFF,
+    DILATION,
+    LEVELS,
+    MIN_SCALE,
+    MIN_VARIANCE,
+    UPSAMPLING,
+)
 from gsvrcodec.render.backend import Backend, Codes, Samples, Size
-
-MIN_SCALE = 0.1  #: px of the coded frame
-DILATION = 0.1  #: px^2 of the coded frame
-CUTOFF = 1.0 / 255.0
-ANTIALIAS = 0.25  #: px^2 of a frame smaller than the coded one
-UPSAMPLING = 0.1875  #: px^2 of a level: what bilinear interpolation widens by
-MIN_VARIANCE = 0.5  #: px^2 of a level above 0
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.reconstruction import CUTOFF, DILATION
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import parameters
 from tests.benchmarks.machine import machine
@@ -57,8 +58,8 @@ def background(n: int = GAUSSIANS) -> Gop:
 
 def evaluations(gop: Gop, zoom: float = 1.0) -> float:
     """Pixels inside the Gaussians, summed over them (those beyond the frame's edges counted)."""
-    axes = np.exp(2 * gop.log_scale.astype(float)) + 0.1
-    return float((2 * np.pi * np.log(255) * zoom**2 * np.sqrt(axes.prod(1))).sum())
+    axes = np.exp(2 * gop.log_scale.astype(float)) + DILATION
+    return float((-2 * np.pi * np.log(CUTOFF) * zoom**2 * np.sqrt(axes.prod(1))).sum())
 
 
 @dataclass(frozen=True)

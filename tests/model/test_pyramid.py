@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gsvrcodec.model.pyramid import LEVELS, by_level, level_of, level_size, zoom
+from gsvrcodec.model.pyramid import by_level, level_of, level_size, zoom
+from gsvrcodec.model.reconstruction import LEVELS
 from gsvrcodec.render import render_frames
 from tests.render.examples import random_gop
 

@@ -4,25 +4,17 @@
 
 #include <cstdint>
 
+#include "reconstruction.hpp"
+
 namespace gsvr {
 
 constexpr int kChannels = 8;  // dx, dy, dsx, dsy, dtheta, dr, dg, db
-constexpr float kCutoff = 1.0f / 255.0f;
 constexpr float kLog2E = 1.44269504088896f;
-constexpr float kSupport = 5.541263545158426f;  // ln 255: a Gaussian ends at this exponent
-constexpr float kMinScale = 0.1f;               // px of the coded frame
-constexpr float kDilation = 0.1f;               // px^2 of the coded frame, added to each covariance
-constexpr int kStripWidth = 8;                  // columns of a strip
+constexpr int kStripWidth = 8;  // columns of a strip
 constexpr int kRowFloats = 3 * kStripWidth;
 constexpr int kBlock = 16;  // Gaussians whose splats lie together
 
-// The pyramid: a level has half the sides of the one below it.
-constexpr int kLevels = 5;
-constexpr int kLayers = 2 * kLevels;    // what moves on each level, then what stands still
-constexpr float kLevelScale = 1.0f;     // px of a level above 0: the smallest scale drawn on it
-constexpr float kUpsampling = 0.1875f;  // px^2 of a level: what bilinear interpolation widens by
-constexpr float kMinVariance = 0.5f;    // px^2 of a level above 0
-constexpr float kAntialias = 0.25f;     // px^2 of a frame smaller than the coded one
+constexpr int kLayers = 2 * kLevels;  // what moves on each level, then what stands still
 
 // Parameters of one GOP, or the gradients with respect to them: the arrays of model/gop.py.
 struct Model {

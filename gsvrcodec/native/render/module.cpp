@@ -1,6 +1,7 @@
 // The Python face of the core. Arrays come in as NumPy or torch CPU tensors, without a copy.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -8,6 +9,7 @@
 #include "core.hpp"
 #include "isa.hpp"
 #include "pool.hpp"
+#include "reconstruction.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -154,6 +156,18 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
                     threads);
 }
 
+// By the names of gsvrcodec/model/reconstruction.py.
+std::map<std::string, double> constants() {
+    return {{"MIN_SCALE", gsvr::kMinScale},
+            {"DILATION", gsvr::kDilation},
+            {"CUTOFF", gsvr::kCutoff},
+            {"ANTIALIAS", gsvr::kAntialias},
+            {"LEVELS", gsvr::kLevels},
+            {"LEVEL_SCALE", gsvr::kLevelScale},
+            {"UPSAMPLING", gsvr::kUpsampling},
+            {"MIN_VARIANCE", gsvr::kMinVariance}};
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -163,6 +177,7 @@ NB_MODULE(_core, m) {
     m.def("isa", [] { return std::string(gsvr::kernels().isa); });
     m.def("isas", &gsvr::usable_isas);
     m.def("use_isa", &gsvr::use_isa, "name"_a);
+    m.def("constants", &constants);
     m.def("resolve_threads", &gsvr::resolve_threads, "requested"_a);
     nb::class_<Parameters>(m, "Parameters")
         .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats,

@@ -3,10 +3,19 @@
 import triton
 import triton.language as tl
 
-from gsvrcodec.render.triton.geometry import BLOCK, CHANNELS, LEVELS, LOG2E, SPLAT
+from gsvrcodec.render.triton.geometry import (
+    BLOCK,
+    CHANNELS,
+    DILATION,
+    LEVELS,
+    LOG2E,
+    MIN_SCALE,
+    MIN_VARIANCE,
+    SPLAT,
+    SUPPORT,
+    UPSAMPLING,
+)
 
-_MIN_SCALE = tl.constexpr(0.1)
-DILATION = tl.constexpr(0.1)
 _FAR = tl.constexpr(1e6)
 
 
@@ -104,16 +113,16 @@ def shape(log_scale0, log_scale1, offset0, offset1, level_1, level_2, level_3, l
     level = (smaller >= level_1).to(tl.int32) + (smaller >= level_2).to(tl.int32)
     level += (smaller >= level_3).to(tl.int32) + (smaller >= level_4).to(tl.int32)
     area = tl.exp2(2.0 * level) / z2
-    raised = tl.where(level > 0, -0.1875 * area, blur)
-    least = tl.where(level > 0, 0.5 * area, 0.0)
+    raised = tl.where(level > 0, area * -UPSAMPLING, blur)
+    least = tl.where(level > 0, area * MIN_VARIANCE, 0.0)
     base0 = tl.exp(tl.minimum(tl.maximum(log_scale0, -20.0), 20.0))
     base1 = tl.exp(tl.minimum(tl.maximum(log_scale1, -20.0), 20.0))
-    s0 = tl.maximum(base0 + offset0, _MIN_SCALE)
-    s1 = tl.maximum(base1 + offset1, _MIN_SCALE)
+    s0 = tl.maximum(base0 + offset0, MIN_SCALE)
+    s1 = tl.maximum(base1 + offset1, MIN_SCALE)
     v0, v1 = s0 * s0 + raised, s1 * s1 + raised
     v0_moves, v1_moves = v0 > least, v1 > least
-    s0_moves = base0 + offset0 >= _MIN_SCALE
-    s1_moves = base1 + offset1 >= _MIN_SCALE
+    s0_moves = base0 + offset0 >= MIN_SCALE
+    s1_moves = base1 + offset1 >= MIN_SCALE
     v0, v1 = tl.maximum(v0, least), tl.maximum(v1, least)
     return level, base0, base1, s0, s1, v0, v1, s0_moves, s1_moves, v0_moves, v1_moves
 
@@ -213,8 +222,8 @@ def project(
     across = 0.5 / xx * LOG2E
     # The determinant from the axes: the products of a thin Gaussian's entries would cancel.
     down = 0.5 * xx / (v0 * v1 * (level_x * level_x) * (level_y * level_y)) * LOG2E
-    reach_x = tl.sqrt(2.0 * 5.541263545158426 * xx)
-    reach_y = tl.sqrt(2.0 * 5.541263545158426 * yy)
+    reach_x = tl.sqrt(2.0 * xx * SUPPORT)
+    reach_y = tl.sqrt(2.0 * yy * SUPPORT)
     red, green, blue = red * amplitude, green * amplitude, blue * amplitude
 
     # Written so that NaN and infinity anywhere make an empty splat.

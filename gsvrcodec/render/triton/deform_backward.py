@@ -3,8 +3,8 @@
 import triton
 import triton.language as tl
 
-from gsvrcodec.render.triton.deform import DILATION, amplitude_of, channel_of, factors, shape
-from gsvrcodec.render.triton.geometry import BLOCK, CHANNELS, SPLAT
+from gsvrcodec.render.triton.deform import amplitude_of, channel_of, factors, shape
+from gsvrcodec.render.triton.geometry import BLOCK, CHANNELS, DILATION, SPLAT
 
 
 @triton.jit

@@ -1,21 +1,28 @@
 """Shared by the kernels: constants of spec section "Reconstruction", ellipses, compaction."""
 
+import math
+
 import triton
 import triton.language as tl
 
-from gsvrcodec.model import pyramid as levels
+from gsvrcodec.model import reconstruction
 
 #: Gaussians that are deformed together and have common bounds.
 BLOCK = tl.constexpr(64)
 #: Floats of a splat: centre x, y, slope, across, down, red, green, blue.
 SPLAT = tl.constexpr(8)
 
-LEVELS = tl.constexpr(levels.LEVELS)
 CHANNELS = tl.constexpr(8)  # of the tri-plane
-CUTOFF = tl.constexpr(1.0 / 255.0)
+LEVELS = tl.constexpr(reconstruction.LEVELS)
+MIN_SCALE = tl.constexpr(reconstruction.MIN_SCALE)
+DILATION = tl.constexpr(reconstruction.DILATION)
+CUTOFF = tl.constexpr(reconstruction.CUTOFF)
+UPSAMPLING = tl.constexpr(reconstruction.UPSAMPLING)
+MIN_VARIANCE = tl.constexpr(reconstruction.MIN_VARIANCE)
 LOG2E = tl.constexpr(1.4426950408889634)
-#: A splat ends where its exponent, to the base 2, is this: log2(255).
-END = tl.constexpr(7.994353436858858)
+#: Exponents at a splat's end, where its weight is the cut-off: to the base e and to the base 2.
+SUPPORT = tl.constexpr(-math.log(reconstruction.CUTOFF))
+END = tl.constexpr(-math.log2(reconstruction.CUTOFF))
 
 
 @triton.jit

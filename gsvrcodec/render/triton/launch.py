@@ -12,7 +12,8 @@ import triton
 from torch import Tensor
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Gop
-from gsvrcodec.model.pyramid import LEVEL_SCALE, LEVELS, level_size, zoom
+from gsvrcodec.model.pyramid import level_size, zoom
+from gsvrcodec.model.reconstruction import ANTIALIAS, DILATION, LEVEL_SCALE, LEVELS
 from gsvrcodec.render.backend import Size
 from gsvrcodec.render.triton.deform import project
 from gsvrcodec.render.triton.deform_backward import deform_backward
@@ -26,8 +27,6 @@ Parameters = Mapping[str, Tensor]  #: the fields of `Gop`, float32 and contiguou
 #: Blocks or Gaussians that a program looks at together.
 CHUNK = 256
 
-#: px^2 of the coded frame that variances of level 0 are raised by, and of a smaller frame too.
-_DILATION, _ANTIALIAS = 0.1, 0.25
 _NAMES = Gop.__slots__
 
 
@@ -243,5 +242,5 @@ def projection(size: Size, coded_size: Size) -> Sequence[float]:
     """What projection needs: zooms, smallest log-scales of levels 1 to 4, and how level 0 blurs."""
     least = zoom(size, coded_size)
     smallest = [float(np.float32(math.log(LEVEL_SCALE * 2**n / least))) for n in range(1, LEVELS)]
-    blur = _DILATION + _ANTIALIAS * max(least**-2 - 1, 0.0)
+    blur = DILATION + ANTIALIAS * max(least**-2 - 1, 0.0)
     return size[0] / coded_size[0], size[1] / coded_size[1], *smallest, least**2, blur
