@@ -27,11 +27,11 @@ def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
 
 
 def by_level(gop: Gop) -> Gop:
-    """The same Gaussians, still ones last, and those of a level together: drawn fastest so."""
-    moves = gop.indicator != 1
+    """Order the Gaussians for speed: dynamic before static ones, each by pyramid level."""
+    dynamic = gop.indicator != 1
     for motion in (*gop.linear.T, *gop.quadratic.T):
-        moves |= motion != 0
-    layer = level_of(gop.log_scale, 1.0) + LEVELS * ~moves
+        dynamic |= motion != 0
+    layer = level_of(gop.log_scale, 1.0) + LEVELS * ~dynamic
     order = np.argsort(layer.astype(np.uint8), kind="stable")
     per_gaussian = (a.name for a in ATTRIBUTES if a.grid == "gaussians")
     return replace(gop, **{name: np.take(getattr(gop, name), order, 0) for name in per_gaussian})

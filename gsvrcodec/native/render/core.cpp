@@ -4,31 +4,32 @@
 #include <cmath>
 #include <vector>
 
-#include "scene.hpp"
+#include "frame_renderer.hpp"
 
 namespace gsvr {
 namespace {
 
 template <class T, class ToSamples>
-void render(const Setting &setting, const float *taus, int frames, int threads, T *out,
+void render(const RenderCall &call, const float *taus, int frames, int threads, T *out,
             ToSamples to_samples) {
-    const std::size_t row = static_cast<std::size_t>(setting.size.width) * 3;
-    const Borrowed common;
-    Scene::reserve(setting, threads, *common);
-    Still still{};
-    if (frames > 1) still = Scene(setting, taus[0], threads, *common).keep_still();
-    const auto render_one = [&](int index, int within, Workspace &space) {
-        const Scene scene(setting, taus[index], within, space, still);
-        scene.render([&](int, Extent rows, const Pixels &pixels) {
+    const std::size_t row = static_cast<std::size_t>(call.size.width) * 3;
+    const BorrowedWorkspace common;
+    FrameRenderer::reserve(call, threads, *common);
+    StaticPyramid static_pyramid{};
+    if (frames > 1)
+        static_pyramid = FrameRenderer(call, taus[0], threads, *common).draw_static_pyramid();
+    const auto render_one = [&](int index, int threads_of_frame, Workspace &space) {
+        const FrameRenderer renderer(call, taus[index], threads_of_frame, space, static_pyramid);
+        renderer.render([&](int, RowRange rows, const Pixels &pixels) {
             const std::size_t first =
-                static_cast<std::size_t>(index) * setting.size.height + rows.begin;
-            to_samples(pixels, scene.frame(), rows, out + first * row);
+                static_cast<std::size_t>(index) * call.size.height + rows.begin;
+            to_samples(pixels, renderer.frame(), rows, out + first * row);
         });
     };
     // Whole frames side by side when there are enough of them, else bands of one frame.
     if (threads > 1 && frames >= threads) {
-        std::vector<Borrowed> spaces(threads);
-        for (const Borrowed &space : spaces) Scene::reserve(setting, 1, *space);
+        std::vector<BorrowedWorkspace> spaces(threads);
+        for (const BorrowedWorkspace &space : spaces) FrameRenderer::reserve(call, 1, *space);
         parallel_for(frames, threads,
                      [&](int index, int worker) { render_one(index, 1, *spaces[worker]); });
     } else {
@@ -38,46 +39,46 @@ void render(const Setting &setting, const float *taus, int frames, int threads, 
 
 }  // namespace
 
-void render_rgb8(const Model &model, const float *taus, int frames, Size size, Size coded,
+void render_rgb8(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
                  int threads, std::uint8_t *out) {
-    const Setting setting(model, size, coded, true);
-    render(setting, taus, frames, threads, out, setting.kernels.to_rgb8);
+    const RenderCall call(gop, size, coded, true);
+    render(call, taus, frames, threads, out, call.kernels.to_rgb8);
 }
 
-void render_float(const Model &model, const float *taus, int frames, Size size, Size coded,
+void render_float(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
                   int threads, float *out) {
-    const Setting setting(model, size, coded, true);
-    render(setting, taus, frames, threads, out, setting.kernels.to_float);
+    const RenderCall call(gop, size, coded, true);
+    render(call, taus, frames, threads, out, call.kernels.to_float);
 }
 
-void backward_float(const Model &model, float tau, Size size, Size coded, int threads,
-                    const float *weights, const Model &gradient) {
-    const Setting setting(model, size, coded, false);
-    const Borrowed space;
-    Scene::reserve(setting, threads, *space);
-    const Scene scene(setting, tau, threads, *space);
-    scene.backward(false, gradient, [&](int, Extent rows, const Pixels &pixels) {
-        setting.kernels.from_float(weights + static_cast<std::size_t>(rows.begin) * size.width * 3,
-                                   scene.frame(), rows, pixels);
+void backward_float(const GopArrays &gop, float tau, Size size, Size coded, int threads,
+                    const float *weights, const GopArrays &gradient) {
+    const RenderCall call(gop, size, coded, false);
+    const BorrowedWorkspace space;
+    FrameRenderer::reserve(call, threads, *space);
+    const FrameRenderer renderer(call, tau, threads, *space);
+    renderer.backward(false, gradient, [&](int, RowRange rows, const Pixels &pixels) {
+        call.kernels.from_float(weights + static_cast<std::size_t>(rows.begin) * size.width * 3,
+                                   renderer.frame(), rows, pixels);
     });
 }
 
-double squared_error(const Model &model, float tau, Size size, Size coded, int threads,
-                     const std::uint8_t *target, const float *backdrop, const Model &gradient) {
-    const Setting setting(model, size, coded, false);
-    const Borrowed space;
-    Scene::reserve(setting, threads, *space);
-    const Scene scene(setting, tau, threads, *space);
-    double *sums = space->sums.reserve(setting.levels[0].bands());
+double squared_error(const GopArrays &gop, float tau, Size size, Size coded, int threads,
+                     const std::uint8_t *target, const float *backdrop, const GopArrays &gradient) {
+    const RenderCall call(gop, size, coded, false);
+    const BorrowedWorkspace space;
+    FrameRenderer::reserve(call, threads, *space);
+    const FrameRenderer renderer(call, tau, threads, *space);
+    double *sums = space->sums.reserve(call.levels[0].bands());
     const double samples = 3.0 * size.width * size.height;
-    scene.backward(true, gradient, [&](int index, Extent rows, const Pixels &pixels) {
+    renderer.backward(true, gradient, [&](int index, RowRange rows, const Pixels &pixels) {
         const std::size_t first = static_cast<std::size_t>(rows.begin) * size.width * 3;
-        sums[index] = setting.kernels.residual(pixels, scene.frame(), rows, target + first,
+        sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + first,
                                                backdrop ? backdrop + first : nullptr,
                                                static_cast<float>(2.0 / samples));
     });
     double total = 0.0;
-    for (int band = 0; band < setting.levels[0].bands(); ++band) total += sums[band];
+    for (int band = 0; band < call.levels[0].bands(); ++band) total += sums[band];
     return total / samples;
 }
 
@@ -88,7 +89,7 @@ void adam_step(const Adam &adam, int threads) {
     const double correction = 1.0 / (1.0 - std::pow(adam.beta2, static_cast<double>(adam.step)));
     // The rates repeated until they fill whole vectors.
     const std::int64_t pattern = static_cast<std::int64_t>(adam.period) * k.lanes;
-    const Borrowed space;
+    const BorrowedWorkspace space;
     float *rates = space->lines.reserve(pattern);
     for (std::int64_t i = 0; i < pattern; ++i)
         rates[i] = static_cast<float>(adam.rate[i % adam.period] * scale);

@@ -16,31 +16,31 @@ struct Deformed {
     vf amplitude;
     vi finite;                        // mask: these lanes hold Gaussians, whose scales are finite
     vf sine, cosine;                  // of twice the angle
-    vf spread;                        // half the difference of the variances
+    vf half_difference;               // half the difference of the variances
     vf gate;                          // 1 - indicator
     vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the level
     vf inverse_xx, inverse_xy, inverse_yy;
 };
 
-static inline Deformed deform(const Model &model, const Frame &frame, int i, int count) {
+static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, int count) {
     Deformed d;
-    d.finite = kLaneIndex < splat(count);
-    d.position = load_fields<2>(model.position, i, count);
-    if (model.gx > 0)
-        lookup(model, frame, d.position, d.field);
+    d.finite = kLaneIndex < broadcast(count);
+    d.position = load_fields<2>(gop.position, i, count);
+    if (gop.gx > 0)
+        lookup(gop, frame, d.position, d.field);
     else
         for (vf &value : d.field) value = vf{};
-    d.gate = 1.0f - load_fields<1>(model.indicator, i, count).column[0];
+    d.gate = 1.0f - load_fields<1>(gop.indicator, i, count).column[0];
     for (int k = 0; k < kChannels; ++k) d.offset[k] = d.gate * d.field[k];
-    const Fields<2> log_scale = load_fields<2>(model.log_scale, i, count);
+    const Fields<2> log_scale = load_fields<2>(gop.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {
-        d.scale_base[k] = exp2(kLog2E * max(min(log_scale.column[k], splat(20.0f)), splat(-20.0f)));
+        d.scale_base[k] = exp2(kLog2E * max(min(log_scale.column[k], broadcast(20.0f)), broadcast(-20.0f)));
         d.scale_sum[k] = d.scale_base[k] + d.offset[2 + k];
-        d.scale[k] = max(d.scale_sum[k], splat(kMinScale));
+        d.scale[k] = max(d.scale_sum[k], broadcast(kMinScale));
         // A scale that is not finite must not become the minimum.
         d.finite &= is_finite(log_scale.column[k]) & is_finite(d.offset[2 + k]);
     }
-    sincos(2.0f * (load_fields<1>(model.rotation, i, count).column[0] + d.offset[4]), d.sine,
+    sincos(2.0f * (load_fields<1>(gop.rotation, i, count).column[0] + d.offset[4]), d.sine,
            d.cosine);
 
     const vf least = min(log_scale.column[0], log_scale.column[1]);
@@ -51,9 +51,9 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
     const vi above = d.level > 0;
     const vf area = 1.0f / (d.unit * d.unit * (frame.zoom * frame.zoom));
     const float antialias = kAntialias * max(1.0f / (frame.zoom * frame.zoom) - 1.0f, 0.0f);
-    const vf widening = above ? -kUpsampling * area : splat(kDilation + antialias);
+    const vf widening = above ? -kUpsampling * area : broadcast(kDilation + antialias);
     const vf floor = where(above, kMinVariance * area);
-    vf ratio = splat(1.0f);
+    vf ratio = broadcast(1.0f);
     for (int k = 0; k < 2; ++k) {
         const vf square = d.scale[k] * d.scale[k];
         d.wide[k] = square + widening > floor;
@@ -62,14 +62,14 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
     }
     d.amplitude = sqrt(ratio);
     const vf mean = 0.5f * (d.variance[0] + d.variance[1]);
-    d.spread = 0.5f * (d.variance[0] - d.variance[1]);
+    d.half_difference = 0.5f * (d.variance[0] - d.variance[1]);
     const vf zx =
         d.unit * (static_cast<float>(frame.width) / static_cast<float>(frame.coded_width));
     const vf zy =
         d.unit * (static_cast<float>(frame.height) / static_cast<float>(frame.coded_height));
-    d.sigma_xx = (mean + d.spread * d.cosine) * (zx * zx);
-    d.sigma_xy = d.spread * d.sine * (zx * zy);
-    d.sigma_yy = (mean - d.spread * d.cosine) * (zy * zy);
+    d.sigma_xx = (mean + d.half_difference * d.cosine) * (zx * zx);
+    d.sigma_xy = d.half_difference * d.sine * (zx * zy);
+    d.sigma_yy = (mean - d.half_difference * d.cosine) * (zy * zy);
     // The determinant from the axes: the products of a thin Gaussian's entries would cancel.
     const vf inverse_det = 1.0f / (d.variance[0] * d.variance[1] * (zx * zx * zy * zy));
     d.inverse_xx = d.sigma_yy * inverse_det;
@@ -79,12 +79,12 @@ static inline Deformed deform(const Model &model, const Frame &frame, int i, int
 }
 
 // Splats of kLanes Gaussians from i on, the first `count` of them real, to lanes from l on.
-static inline void project_lanes(const Model &model, const Frame &frame, int i, int count,
+static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i, int count,
                                  Splats &out, int l) {
-    const Deformed d = deform(model, frame, i, count);
-    const Fields<2> linear = load_fields<2>(model.linear, i, count);
-    const Fields<2> quadratic = load_fields<2>(model.quadratic, i, count);
-    const Fields<3> colour = load_fields<3>(model.colour, i, count);
+    const Deformed d = deform(gop, frame, i, count);
+    const Fields<2> linear = load_fields<2>(gop.linear, i, count);
+    const Fields<2> quadratic = load_fields<2>(gop.quadratic, i, count);
+    const Fields<3> colour = load_fields<3>(gop.colour, i, count);
     const vf width = d.unit * static_cast<float>(frame.width);
     const vf height = d.unit * static_cast<float>(frame.height);
     const vi round_up = (1 << d.level) - 1;
@@ -119,31 +119,31 @@ static inline void project_lanes(const Model &model, const Frame &frame, int i, 
     store(out.slope + l, slope);
     store(out.across + l, across);
     store(out.down + l, down);
-    store(out.decay + l, exp2(-min((2.0f * kRows * kRows) * down, splat(120.0f))));
-    store(out.low_x + l, d.sigma_xy / d.sigma_yy * reach_y);
-    store(out.x_begin + l, first_inside(centre[0] - reach_x, columns) & -kColumns & drawn);
+    store(out.decay + l, exp2(-min((2.0f * kVectorRows * kVectorRows) * down, broadcast(120.0f))));
+    store(out.lowest_dx + l, d.sigma_xy / d.sigma_yy * reach_y);
+    store(out.x_begin + l, first_inside(centre[0] - reach_x, columns) & -kVectorColumns & drawn);
     store(out.x_end + l, end_inside(centre[0] + reach_x, columns) & drawn);
     store(out.row_begin + l, first_inside(centre[1] - reach_y, rows) & drawn);
     store(out.row_end + l, end_inside(centre[1] + reach_y, rows) & drawn);
-    vi moves = (vi)(d.gate != 0.0f) & (model.gx > 0 ? ~vi{} : vi{});
+    vi dynamic = (vi)(d.gate != 0.0f) & (gop.gx > 0 ? ~vi{} : vi{});
     for (int k = 0; k < 2; ++k)
-        moves |= (vi)(linear.column[k] != 0.0f) | (vi)(quadratic.column[k] != 0.0f);
-    store(out.layer + l, d.level + (frame.apart ? ~moves & kLevels : vi{}));
+        dynamic |= (vi)(linear.column[k] != 0.0f) | (vi)(quadratic.column[k] != 0.0f);
+    store(out.layer + l, d.level + (frame.separate_static ? ~dynamic & kLevels : vi{}));
 }
 
-void project(const Model &model, const Frame &frame, int begin, int end, Splats *splats,
+void project(const GopArrays &gop, const Frame &frame, int begin, int end, Splats *splats,
              BlockRows *rows) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         Splats &out = splats[block];
         for (int l = 0; l < kBlock; l += kLanes) {
             const int i = block * kBlock + l;
-            project_lanes(model, frame, i, max(min(model.n - i, kLanes), 0), out, l);
+            project_lanes(gop, frame, i, max(min(gop.n - i, kLanes), 0), out, l);
         }
         unsigned layers = 0;
         for (int l = 0; l < kBlock; ++l) layers |= 1u << out.layer[l];
         BlockRows *own = rows + block;
-        for (int layer = 0; layer < kLayers; ++layer, own += blocks(model)) {
+        for (int layer = 0; layer < kLayers; ++layer, own += blocks(gop)) {
             own->begin = own->end = 0;
             if (!(layers >> layer & 1)) continue;
             int first = frame.height, last = 0;

@@ -1,10 +1,10 @@
 // Gradients of the parameters of kLanes Gaussians from their moments. Included by kernels.cpp.
 
 // Writes the gradients of Gaussians [i, i + count); those of splats that are not `drawn` are zero.
-static inline void deform_backward(const Model &model, const Frame &frame, const Moments *moments,
-                                   vi drawn, int i, int count, const Model &gradient, float *xy,
+static inline void deform_backward(const GopArrays &gop, const Frame &frame, const Moments *moments,
+                                   vi drawn, int i, int count, const GopArrays &gradient, float *xy,
                                    float *xt_line, float *yt_line) {
-    const Deformed d = deform(model, frame, i, count);
+    const Deformed d = deform(gop, frame, i, count);
     vf moment[8];
     to_columns(&moments[0].colour[0], moment);
     const vf mx = moment[3], my = moment[4], mxx = moment[5], mxy = moment[6], myy = moment[7];
@@ -25,11 +25,11 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
     }
     store_fields<2>(gradient.linear, i, count, linear);
     store_fields<2>(gradient.quadratic, i, count, quadratic);
-    const Fields<3> colour = load_fields<3>(model.colour, i, count);
-    vf along_amplitude{};  // gradient of the amplitude's logarithm
+    const Fields<3> colour = load_fields<3>(gop.colour, i, count);
+    vf log_amplitude_gradient{};  // gradient of the amplitude's logarithm
     for (int k = 0; k < 3; ++k) {
         offset[5 + k] = where(drawn, d.amplitude * moment[k]);
-        along_amplitude += offset[5 + k] * (colour.column[k] + d.offset[5 + k]);
+        log_amplitude_gradient += offset[5 + k] * (colour.column[k] + d.offset[5 + k]);
     }
     store_fields<3>(gradient.colour, i, count, {{offset[5], offset[6], offset[7]}});
 
@@ -41,16 +41,16 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
         static_cast<float>(frame.coded_height) / static_cast<float>(frame.height) / d.unit;
     const vf cxx = mxx * (zx * zx), cxy = mxy * (zx * zy), cyy = myy * (zy * zy);
     const vf half = 0.5f * (cxx - cyy);
-    const vf along = half * d.cosine + cxy * d.sine;
-    const vf across = cxy * d.cosine - half * d.sine;
-    offset[4] = where(drawn, 2.0f * d.spread * across / (d.variance[0] * d.variance[1]));
+    const vf moment_along = half * d.cosine + cxy * d.sine;
+    const vf moment_across = cxy * d.cosine - half * d.sine;
+    offset[4] = where(drawn, 2.0f * d.half_difference * moment_across / (d.variance[0] * d.variance[1]));
     store_fields<1>(gradient.rotation, i, count, {{offset[4]}});
     Fields<2> log_scale;
     for (int k = 0; k < 2; ++k) {
-        const vf spread = 0.5f * (cxx + cyy) + (k ? -along : along);
+        const vf second_moment = 0.5f * (cxx + cyy) + (k ? -moment_along : moment_along);
         const vf inverse = 1.0f / d.variance[k];
-        const vf of_variance = where(d.wide[k], inverse * (spread * inverse - along_amplitude));
-        const vf of_square = of_variance + along_amplitude / (d.scale[k] * d.scale[k] + kDilation);
+        const vf of_variance = where(d.wide[k], inverse * (second_moment * inverse - log_amplitude_gradient));
+        const vf of_square = of_variance + log_amplitude_gradient / (d.scale[k] * d.scale[k] + kDilation);
         offset[2 + k] = where(drawn & (d.scale_sum[k] >= kMinScale), d.scale[k] * of_square);
         log_scale.column[k] = where(drawn, offset[2 + k] * d.scale_base[k]);
     }
@@ -62,7 +62,7 @@ static inline void deform_backward(const Model &model, const Frame &frame, const
         offset[k] = where(drawn, offset[k] * d.gate);
     }
     store_fields<1>(gradient.indicator, i, count, {{-gate}});
-    if (model.gx > 0 && bits(drawn))
-        lookup_backward(model, frame, d.position, count, offset, xy, xt_line, yt_line, position);
+    if (gop.gx > 0 && bits(drawn))
+        lookup_backward(gop, frame, d.position, count, offset, xy, xt_line, yt_line, position);
     store_fields<2>(gradient.position, i, count, position);
 }

@@ -33,15 +33,15 @@ bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
 // Keeps the ten arrays of a GOP, or of its gradients, alive and checked.
 struct Parameters {
     Floats position, log_scale, rotation, colour, indicator, linear, quadratic, xy, xt, yt;
-    gsvr::Model model{};
+    gsvr::GopArrays arrays{};
 
-    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats alpha_,
+    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats indicator_,
                Floats linear_, Floats quadratic_, Floats xy_, Floats xt_, Floats yt_)
         : position(position_),
           log_scale(log_scale_),
           rotation(rotation_),
           colour(colour_),
-          indicator(alpha_),
+          indicator(indicator_),
           linear(linear_),
           quadratic(quadratic_),
           xy(xy_),
@@ -65,7 +65,7 @@ struct Parameters {
         require(has_shape(xy, {gy, gx, gsvr::kChannels}), "xy must have shape (Gy, Gx, 8)");
         require(has_shape(xt, {gt, gx, gsvr::kChannels}), "xt must have shape (Gt, Gx, 8)");
         require(has_shape(yt, {gt, gy, gsvr::kChannels}), "yt must have shape (Gt, Gy, 8)");
-        model = {position.data(),
+        arrays = {position.data(),
                  log_scale.data(),
                  rotation.data(),
                  colour.data(),
@@ -82,8 +82,8 @@ struct Parameters {
     }
 
     bool same_shape(const Parameters &other) const {
-        return model.n == other.model.n && model.gx == other.model.gx &&
-               model.gy == other.model.gy && model.gt == other.model.gt;
+        return arrays.n == other.arrays.n && arrays.gx == other.arrays.gx &&
+               arrays.gy == other.arrays.gy && arrays.gt == other.arrays.gt;
     }
 };
 
@@ -110,9 +110,9 @@ void render(const Parameters &parameters, Times taus, Images<T> out, int coded_w
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
     if constexpr (std::is_same_v<T, float>)
-        gsvr::render_float(parameters.model, taus.data(), frames, size, coded, threads, out.data());
+        gsvr::render_float(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
     else
-        gsvr::render_rgb8(parameters.model, taus.data(), frames, size, coded, threads, out.data());
+        gsvr::render_rgb8(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
 }
 
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
@@ -122,8 +122,8 @@ void backward_float(const Parameters &parameters, float tau, Image<const float> 
     const auto coded = checked(coded_width, coded_height);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::backward_float(parameters.model, tau, size, coded, threads, weights.data(),
-                         gradient.model);
+    gsvr::backward_float(parameters.arrays, tau, size, coded, threads, weights.data(),
+                         gradient.arrays);
 }
 
 double squared_error(const Parameters &parameters, float tau, Image<const std::uint8_t> target,
@@ -137,8 +137,8 @@ double squared_error(const Parameters &parameters, float tau, Image<const std::u
             "the backdrop must have the target's shape");
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    return gsvr::squared_error(parameters.model, tau, size, coded, threads, target.data(),
-                               backdrop ? backdrop->data() : nullptr, gradient.model);
+    return gsvr::squared_error(parameters.arrays, tau, size, coded, threads, target.data(),
+                               backdrop ? backdrop->data() : nullptr, gradient.arrays);
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
@@ -156,7 +156,7 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
                     threads);
 }
 
-// By the names of gsvrcodec/model/reconstruction.py.
+// By the names of gsvrcodec/arrays/reconstruction.py.
 std::map<std::string, double> constants() {
     return {{"MIN_SCALE", gsvr::kMinScale},
             {"DILATION", gsvr::kDilation},

@@ -22,7 +22,7 @@ constexpr auto kSpin = std::chrono::microseconds(60);
 
 class Pool {
    public:
-    bool try_run(int count, int threads, Jobs jobs) {
+    bool try_run(int count, int threads, JobFunction jobs) {
         std::unique_lock<std::mutex> owner(owner_, std::try_to_lock);
         if (!owner.owns_lock()) return false;
         while (static_cast<int>(workers_.size()) < threads - 1)
@@ -76,7 +76,7 @@ class Pool {
     std::mutex mutex_;  // of what follows
     std::condition_variable wake_;
     std::vector<std::thread> workers_;
-    Jobs jobs_{};
+    JobFunction jobs_{};
     int count_ = 0;
     int joined_ = 0;  // workers that take part in this call
     int places_ = 0;  // for as many
@@ -110,7 +110,7 @@ int resolve_threads(int requested) {
     return std::clamp(requested, 1, kMaxThreads);
 }
 
-void run_jobs(int count, int threads, Jobs jobs) {
+void run_jobs(int count, int threads, JobFunction jobs) {
     if (threads > 1 && count > 1 && pool().try_run(count, threads, jobs)) return;
     for (int job = 0; job < count; ++job) jobs.run(jobs.context, job, 0);
 }

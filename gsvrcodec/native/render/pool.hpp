@@ -9,12 +9,12 @@ namespace gsvr {
 int resolve_threads(int requested);
 
 // A reference to a callable: unlike std::function it never allocates.
-struct Jobs {
+struct JobFunction {
     void *context;
     void (*run)(void *context, int job, int worker);
 };
 
-void run_jobs(int count, int threads, Jobs jobs);
+void run_jobs(int count, int threads, JobFunction jobs);
 
 // Calls body(job, worker) for every job in [0, count), on at most `threads` threads, and waits.
 // `worker` is in [0, threads) and no two running bodies of one call share it. When another call

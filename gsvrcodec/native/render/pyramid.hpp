@@ -8,22 +8,22 @@
 static inline float *strip_row(const Pixels &pixels, int strip, int row) {
     const unsigned down = static_cast<unsigned>(row - pixels.first_row);
     return pixels.data + static_cast<std::ptrdiff_t>(strip) * pixels.rows * kRowFloats +
-           down / kRows * kStepFloats + down % kRows * kStripWidth;
+           down / kVectorRows * kStepFloats + down % kVectorRows * kStripWidth;
 }
 
 // From an even row to the next one, and to the next even one.
-constexpr int kOddRow = kRows == 1 ? kStepFloats : kStripWidth;
-constexpr int kEvenRow = kRows == 1 ? 2 * kStepFloats : kStepFloats;
+constexpr int kOddRow = kVectorRows == 1 ? kStepFloats : kStripWidth;
+constexpr int kEvenRow = kVectorRows == 1 ? 2 * kStepFloats : kStepFloats;
 
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
 // A coarse row of one channel of a strip at twice its width: left and right fine strip.
-struct Widened {
+struct UpsampledRow {
     v8 left, right;
 };
 
 // `own`: of the row; `before`, `after`: the pixel that is next to it on either side.
-static inline Widened widened(const float *own, const float *before, const float *after, int last) {
+static inline UpsampledRow upsampled_row(const float *own, const float *before, const float *after, int last) {
     const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
     const v8 a = lane <= last ? load8(own) : own[last] - v8{};
     const v8 down = *before - v8{}, up = *after - v8{};
@@ -35,8 +35,8 @@ static inline Widened widened(const float *own, const float *before, const float
 }
 
 template <bool Add>
-static inline void magnify(const Pixels &coarse, int coarse_width, int coarse_height,
-                           const Pixels &fine, int fine_width, Extent rows) {
+static inline void upsample_strips(const Pixels &coarse, int coarse_width, int coarse_height,
+                           const Pixels &fine, int fine_width, RowRange rows) {
     const auto put = [](float *p, v8 v) { store8(p, Add ? load8(p) + v : v); };
     const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
     const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
@@ -48,11 +48,11 @@ static inline void magnify(const Pixels &coarse, int coarse_width, int coarse_he
         const bool both = 2 * strip + 1 < strips(fine_width);
         float *out = strip_row(fine, 2 * strip, rows.begin);
         int row = rows.begin / 2;
-        Widened above[3], here[3], below[3];
-        const auto read = [&](int of, Widened *w) {
+        UpsampledRow above[3], here[3], below[3];
+        const auto read = [&](int of, UpsampledRow *w) {
             const float *own = strip_row(coarse, strip, of);
             for (int c = 0; c < 3; ++c, own += kChannelFloats)
-                w[c] = widened(own, own + before, own + after, last);
+                w[c] = upsampled_row(own, own + before, own + after, last);
         };
         read(max(row - 1, 0), above);
         read(row, here);
@@ -76,23 +76,23 @@ static inline void magnify(const Pixels &coarse, int coarse_width, int coarse_he
 }
 
 void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, int fine_width,
-              Extent rows, bool add) {
+              RowRange rows, bool add) {
     const FlushDenormals flush;
     if (add)
-        magnify<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
+        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
     else
-        magnify<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
+        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
 }
 
 // What a row of two fine strips adds to the coarse one above them.
-struct Narrowed {
+struct DownsampledRow {
     v8 sum[3];
 };
 
-static inline Narrowed narrowed(const Pixels &fine, int width, int strip, int row) {
+static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int strip, int row) {
     const int first = 2 * strip, count = strips(width);
     const float *left = strip_row(fine, first, row);
-    Narrowed n;
+    DownsampledRow n;
     for (int c = 0; c < 3; ++c, left += kChannelFloats) {
         const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
         const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
@@ -110,7 +110,7 @@ static inline Narrowed narrowed(const Pixels &fine, int width, int strip, int ro
     return n;
 }
 
-void downsample(Pixels fine, int fine_width, int fine_height, Extent rows, Pixels coarse,
+void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pixels coarse,
                 int coarse_width, float *edges) {
     const FlushDenormals flush;
     const int count = strips(coarse_width);
@@ -119,13 +119,13 @@ void downsample(Pixels fine, int fine_width, int fine_height, Extent rows, Pixel
         const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
         const i8 inside = lane < coarse_width - strip * kStripWidth;
         const auto at = [&](int row) {
-            return row < rows.end ? narrowed(fine, fine_width, strip, row) : Narrowed{};
+            return row < rows.end ? downsampled_row(fine, fine_width, strip, row) : DownsampledRow{};
         };
-        const auto put = [&](float *p, int apart, int c, v8 v) {
-            store8(p + c * apart, (v8)((i8)v & inside));
+        const auto put = [&](float *p, int channel_stride, int c, v8 v) {
+            store8(p + c * channel_stride, (v8)((i8)v & inside));
         };
         int row = rows.begin / 2;
-        Narrowed before{}, upper = at(2 * row), lower = at(2 * row + 1);
+        DownsampledRow before{}, upper = at(2 * row), lower = at(2 * row + 1);
         float *edge = edges + strip * kRowFloats;
         for (int c = 0; c < 3; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
         if (rows.begin == 0) before = upper;
@@ -133,7 +133,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, Extent rows, Pixel
             // The last row of the frame counts for the one below it.
             const bool bottom = row == last_row && fine_height % 2 == 0;
             const bool final = 2 * row + 2 >= rows.end;
-            const Narrowed after = bottom ? lower : at(2 * row + 2);
+            const DownsampledRow after = bottom ? lower : at(2 * row + 2);
             float *p = strip_row(coarse, strip, row);
             for (int c = 0; c < 3; ++c) {
                 put(p, kChannelFloats, c,
@@ -146,7 +146,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, Extent rows, Pixel
             lower = at(2 * row + 3);
         }
         // Rows that fill the last vector.
-        for (; row % kRows; ++row)
+        for (; row % kVectorRows; ++row)
             for (int c = 0; c < 3; ++c) put(strip_row(coarse, strip, row), kChannelFloats, c, v8{});
     }
 }

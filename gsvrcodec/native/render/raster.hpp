@@ -1,21 +1,21 @@
 // Rasterisation of splats and its gradient. Included by kernels.cpp.
 
-constexpr int kChannelFloats = kRows * kStripWidth;  // from one channel to the next
-constexpr int kStepFloats = kRows * kRowFloats;      // from one vector of a column to the next
+constexpr int kChannelFloats = kVectorRows * kStripWidth;  // from one channel to the next
+constexpr int kStepFloats = kVectorRows * kRowFloats;      // from one vector of a column to the next
 
-static inline float *first_pixel(const Pixels &pixels, const Columns &c, int n) {
+static inline float *first_pixel(const Pixels &pixels, const Segments &c, int n) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
     const unsigned x = static_cast<unsigned>(c.x[n]);
     return pixels.data + x / kStripWidth * strip + (c.row[n] - pixels.first_row) * kRowFloats +
            x % kStripWidth;
 }
 
-static inline bool touches(const BlockRows &block, Extent band) {
+static inline bool touches(const BlockRows &block, RowRange band) {
     return block.begin < band.end && block.end > band.begin;
 }
 
-static inline void add_column(const Splats &s, const Columns &c, int n, const Pixels &pixels) {
-    const int l = c.lane[n];
+static inline void add_segment(const Splats &s, const Segments &c, int n, const Pixels &pixels) {
+    const int l = c.splat[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     float *p = first_pixel(pixels, c, n);
     for_steps(s, c, n, [&](vf e) {
@@ -27,23 +27,23 @@ static inline void add_column(const Splats &s, const Columns &c, int n, const Pi
     });
 }
 
-void rasterise(const Layer &of, Extent band, Pixels pixels) {
+void rasterise(const SplatLayer &layer, RowRange band, Pixels pixels) {
     const FlushDenormals flush;
-    Columns c;
-    for (int block = of.begin; block < of.end; ++block) {
-        if (!touches(of.rows[block], band)) continue;
-        const Splats &s = of.splats[block];
-        for_columns(s, of.layer, band, c, [&] {
-            for (int n = 0; n < c.count; ++n) add_column(s, c, n, pixels);
+    Segments c;
+    for (int block = layer.begin; block < layer.end; ++block) {
+        if (!touches(layer.rows[block], band)) continue;
+        const Splats &s = layer.splats[block];
+        for_segments(s, layer.index, band, c, [&] {
+            for (int n = 0; n < c.count; ++n) add_segment(s, c, n, pixels);
         });
     }
 }
 
 // Adds the sums of the gradient `pixels` over one column, lane by lane, to those of its splat. The
 // moments about its rows are prefix sums of prefix sums: additions alone.
-static inline void add_moments(const Splats &s, const Columns &c, int n, const Pixels &pixels,
+static inline void add_moments(const Splats &s, const Segments &c, int n, const Pixels &pixels,
                                vf *total) {
-    const int l = c.lane[n];
+    const int l = c.splat[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     vf r{}, g{}, b{}, p0{}, p1{}, p2{};
     const float *p = first_pixel(pixels, c, n);
@@ -61,8 +61,8 @@ static inline void add_moments(const Splats &s, const Columns &c, int n, const P
     // With m vectors below a pixel in its column: p1 sums m, p2 sums m (m - 1) / 2.
     const int steps = c.steps[n] > 0 ? c.steps[n] : -c.steps[n];
     const vf x = c.dx[n] + kPixelX;
-    const vf last = (static_cast<float>(c.row[n] + (steps - 1) * kRows) + 0.5f - s.cy[l]) + kPixelY;
-    const vf y = last * p0 - kRows * p1;
+    const vf last = (static_cast<float>(c.row[n] + (steps - 1) * kVectorRows) + 0.5f - s.cy[l]) + kPixelY;
+    const vf y = last * p0 - kVectorRows * p1;
     total[0] += r;
     total[1] += g;
     total[2] += b;
@@ -70,18 +70,18 @@ static inline void add_moments(const Splats &s, const Columns &c, int n, const P
     total[4] += y;
     total[5] += p0 * x * x;
     total[6] += y * x;
-    total[7] += last * (last * p0 - 2.0f * kRows * p1) + (kRows * kRows) * (2.0f * p2 + p1);
+    total[7] += last * (last * p0 - 2.0f * kVectorRows * p1) + (kVectorRows * kVectorRows) * (2.0f * p2 + p1);
 }
 
 // Adds the moments of the columns at hand, splat by splat, so that each is summed over its lanes
 // once.
-static inline void gather_columns(const Splats &s, const Columns &c, const Pixels &pixels,
+static inline void gather_segments(const Splats &s, const Segments &c, const Pixels &pixels,
                                   Moments *moments) {
-    int first[kBlock], next[Columns::kCapacity];
+    int first[kBlock], next[Segments::kCapacity];
     for (int &n : first) n = c.count;
     for (int n = c.count - 1; n >= 0; --n) {
-        next[n] = first[c.lane[n]];
-        first[c.lane[n]] = n;
+        next[n] = first[c.splat[n]];
+        first[c.splat[n]] = n;
     }
     for (int l = 0; l < kBlock; ++l) {
         if (first[l] == c.count) continue;
@@ -91,39 +91,39 @@ static inline void gather_columns(const Splats &s, const Columns &c, const Pixel
     }
 }
 
-void gather(const Layer &of, Extent band, Pixels pixels, Moments *moments) {
+void gather_moments(const SplatLayer &layer, RowRange band, Pixels pixels, Moments *moments) {
     const FlushDenormals flush;
-    Columns c;
-    for (int block = of.begin; block < of.end; ++block) {
-        const BlockRows &rows = of.rows[block];
+    Segments c;
+    for (int block = layer.begin; block < layer.end; ++block) {
+        const BlockRows &rows = layer.rows[block];
         if (!touches(rows, band)) continue;
-        const Splats &s = of.splats[block];
-        const int index = band.begin / of.band_rows - rows.begin / of.band_rows;
+        const Splats &s = layer.splats[block];
+        const int index = band.begin / layer.band_rows - rows.begin / layer.band_rows;
         Moments *own = moments + static_cast<std::ptrdiff_t>(rows.slot + index) * kBlock;
         for (int l = 0; l < kBlock; ++l) own[l] = {};
-        for_columns(s, of.layer, band, c, [&] { gather_columns(s, c, pixels, own); });
+        for_segments(s, layer.index, band, c, [&] { gather_segments(s, c, pixels, own); });
     }
 }
 
-void backward(const Model &model, const Frame &frame, const Layer (&layers)[kLayers],
-              const Moments *moments, int begin, int end, const Model &gradient, float *xy,
+void backward(const GopArrays &gop, const Frame &frame, const SplatLayer (&layers)[kLayers],
+              const Moments *moments, int begin, int end, const GopArrays &gradient, float *xy,
               float *xt_line, float *yt_line) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         const Splats &s = layers[0].splats[block];
         Moments total[kBlock] = {};
-        for (const Layer &of : layers) {
-            const BlockRows &rows = of.rows[block];
+        for (const SplatLayer &layer : layers) {
+            const BlockRows &rows = layer.rows[block];
             const Moments *part = moments + static_cast<std::ptrdiff_t>(rows.slot) * kBlock;
-            for (int slot = 0; slot < block_bands(rows, of.band_rows); ++slot, part += kBlock)
+            for (int slot = 0; slot < block_bands(rows, layer.band_rows); ++slot, part += kBlock)
                 for (int l = 0; l < kBlock; ++l)
                     store8(total[l].colour, load8(total[l].colour) + load8(part[l].colour));
         }
         for (int l = 0; l < kBlock; l += kLanes) {
-            const int i = block * kBlock + l, count = min(model.n - i, kLanes);
+            const int i = block * kBlock + l, count = min(gop.n - i, kLanes);
             if (count <= 0) break;
             const vi drawn = load(s.row_begin + l) < load(s.row_end + l);
-            deform_backward(model, frame, total + l, drawn, i, count, gradient, xy, xt_line,
+            deform_backward(gop, frame, total + l, drawn, i, count, gradient, xy, xt_line,
                             yt_line);
         }
     }

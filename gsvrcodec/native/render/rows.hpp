@@ -3,13 +3,13 @@
 // Calls body(row, x, samples, red) for each piece of a strip in the rows: `samples` pixels from x
 // on, their red at `red`, green and blue kChannelFloats and 2 * kChannelFloats on.
 template <class Body>
-static inline void for_pieces(const Pixels &pixels, const Frame &frame, Extent rows, Body body) {
+static inline void for_strip_rows(const Pixels &pixels, const Frame &frame, RowRange rows, Body body) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
-    for (int row = rows.begin; row < rows.end; row += kRows) {
+    for (int row = rows.begin; row < rows.end; row += kVectorRows) {
         float *step =
             pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
         for (int x = 0; x < frame.width; x += kStripWidth, step += strip)
-            for (int k = 0; k < min(kRows, rows.end - row); ++k)
+            for (int k = 0; k < min(kVectorRows, rows.end - row); ++k)
                 body(row + k - rows.begin, x, min(kStripWidth, frame.width - x),
                      step + k * kStripWidth);
     }
@@ -56,9 +56,9 @@ static inline i8 code(v8 value) {
 
 #if defined(__AVX512F__)
 // The same for the two rows of a vector at once.
-static inline void store_rgb_rows(std::uint8_t *out, std::ptrdiff_t next, const float *red) {
+static inline void store_rgb_two_rows(std::uint8_t *out, std::ptrdiff_t next, const float *red) {
     const auto codes = [](const float *p) {
-        return truncate(min(max(load(p), vf{}), splat(1.0f)) * 255.0f + 0.5f);
+        return truncate(min(max(load(p), vf{}), broadcast(1.0f)) * 255.0f + 0.5f);
     };
     const vf rgbx = (vf)(codes(red) | codes(red + kChannelFloats) << 8 |
                          codes(red + 2 * kChannelFloats) << 16);
@@ -67,22 +67,22 @@ static inline void store_rgb_rows(std::uint8_t *out, std::ptrdiff_t next, const 
 }
 #endif
 
-void to_rgb8(Pixels pixels, const Frame &frame, Extent rows, std::uint8_t *out) {
+void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out) {
     const std::ptrdiff_t line = static_cast<std::ptrdiff_t>(frame.width) * 3;
 #if defined(__AVX512F__)
-    if (frame.width % kStripWidth == 0 && (rows.end - rows.begin) % kRows == 0) {
-        for (int row = rows.begin; row < rows.end; row += kRows) {
+    if (frame.width % kStripWidth == 0 && (rows.end - rows.begin) % kVectorRows == 0) {
+        for (int row = rows.begin; row < rows.end; row += kVectorRows) {
             const float *red =
                 pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
             std::uint8_t *p = out + (row - rows.begin) * line;
             const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
             for (; p < out + (row - rows.begin + 1) * line; p += 3 * kStripWidth, red += strip)
-                store_rgb_rows(p, line, red);
+                store_rgb_two_rows(p, line, red);
         }
         return;
     }
 #endif
-    for_pieces(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+    for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         const i8 rgbx = code(load8(red)) | code(load8(red + kChannelFloats)) << 8 |
                         code(load8(red + 2 * kChannelFloats)) << 16;
         std::uint8_t *p = out + row * line + x * 3;
@@ -93,17 +93,17 @@ void to_rgb8(Pixels pixels, const Frame &frame, Extent rows, std::uint8_t *out) 
     });
 }
 
-void to_float(Pixels pixels, const Frame &frame, Extent rows, float *out) {
-    for_pieces(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+void to_float(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
+    for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         float *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
         for (int i = 0; i < samples; ++i)
             for (int c = 0; c < 3; ++c) p[3 * i + c] = red[c * kChannelFloats + i];
     });
 }
 
-void from_float(const float *in, const Frame &frame, Extent rows, Pixels pixels) {
-    const int padded = (rows.end + kRows - 1) / kRows * kRows;
-    for_pieces(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+void from_float(const float *in, const Frame &frame, RowRange rows, Pixels pixels) {
+    const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
+    for_strip_rows(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
         const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
         if (row >= rows.end - rows.begin) samples = 0;
         for (int i = 0; i < kStripWidth; ++i)
@@ -112,12 +112,12 @@ void from_float(const float *in, const Frame &frame, Extent rows, Pixels pixels)
     });
 }
 
-double residual(Pixels pixels, const Frame &frame, Extent rows, const std::uint8_t *target,
+double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uint8_t *target,
                 const float *backdrop, float scale) {
     double total = 0.0;
-    const int padded = (rows.end + kRows - 1) / kRows * kRows;
+    const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
     v8 squares{};
-    for_pieces(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+    for_strip_rows(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
         const std::ptrdiff_t first = (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
         const std::uint8_t *p = target + first;
         if (row >= rows.end - rows.begin) samples = 0;

@@ -1,4 +1,4 @@
-// Columns of interleaved arrays to vectors and back, transposes and sums across lanes. Included by
+// Segments of interleaved arrays to vectors and back, transposes and sums across lanes. Included by
 // kernels.cpp.
 
 template <int Width, int Column, int... Lane>

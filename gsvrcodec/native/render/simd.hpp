@@ -19,8 +19,8 @@ static inline void store(float *p, vf v) { *reinterpret_cast<vf_unaligned *>(p) 
 static inline void store(int *p, vi v) { *reinterpret_cast<vi_unaligned *>(p) = v; }
 static inline v8 load8(const float *p) { return *reinterpret_cast<const v8_unaligned *>(p); }
 static inline void store8(float *p, v8 v) { *reinterpret_cast<v8_unaligned *>(p) = v; }
-static inline vf splat(float x) { return x - vf{}; }
-static inline vi splat(int x) { return x - vi{}; }
+static inline vf broadcast(float x) { return x - vf{}; }
+static inline vi broadcast(int x) { return x - vi{}; }
 static inline float max(float a, float b) { return a > b ? a : b; }
 static inline float min(float a, float b) { return a < b ? a : b; }
 static inline int max(int a, int b) { return a > b ? a : b; }

@@ -41,14 +41,14 @@ struct Workspace {
     Buffer<Splats> splats;
     Buffer<BlockRows> rows;
     Buffer<Moments> moments;
-    Buffer<float> lines, pixels, pictures, still, plane_gradients, picture_gradients, edges;
+    Buffer<float> lines, pixels, pictures, static_pictures, plane_gradients, picture_gradients, edges;
     Buffer<double> sums;
 };
 
 // A workspace that nobody else has, for as long as this lives.
-class Borrowed {
+class BorrowedWorkspace {
    public:
-    Borrowed() {
+    BorrowedWorkspace() {
         std::lock_guard<std::mutex> lock(idle().mutex);
         if (idle().spaces.empty()) {
             space_ = std::make_unique<Workspace>();
@@ -58,12 +58,12 @@ class Borrowed {
             idle().spaces.pop_back();
         }
     }
-    ~Borrowed() {
+    ~BorrowedWorkspace() {
         if (!space_) return;
         std::lock_guard<std::mutex> lock(idle().mutex);
         idle().spaces.push_back(std::move(space_));
     }
-    Borrowed(Borrowed &&) = default;
+    BorrowedWorkspace(BorrowedWorkspace &&) = default;
     Workspace &operator*() const { return *space_; }
     Workspace *operator->() const { return space_.get(); }
 

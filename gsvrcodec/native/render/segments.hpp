@@ -1,14 +1,14 @@
 // The columns of a block's splats, kLanes splats at a time. Included by kernels.cpp.
 //
-// A column is kColumns neighbouring pixels wide and runs down one band; a vector covers kRows of
+// A column is kVectorColumns neighbouring pixels wide and runs down one band; a vector covers kVectorRows of
 // its rows. Where columns start and end, and their first vectors, are worked out for many of them
 // before any is run: running one ends in a branch that the processor cannot predict, and nothing
 // long should wait behind it.
 
-constexpr int kColumns = kLanes < kStripWidth ? kLanes : kStripWidth;
-constexpr int kRows = kLanes / kColumns;
+constexpr int kVectorColumns = kLanes < kStripWidth ? kLanes : kStripWidth;
+constexpr int kVectorRows = kLanes / kVectorColumns;
 // Rows of a band: errors of the recurrence grow with the square of its steps.
-constexpr int kBandRows = 32 * kRows;
+constexpr int kBandRows = 32 * kVectorRows;
 
 // The recurrence e(y+1) = e(y) r(y), r(y+1) = r(y) decay cannot start from an e that underflows
 // (thin tilted Gaussians): a column with a larger exponent takes an exponential a row instead.
@@ -30,19 +30,19 @@ static inline vi end_inside(vf edge, vf size) {
     return truncate(min(max(edge + 0.5f, vf{}), size));
 }
 
-// Columns to run.
-struct alignas(64) Columns {
+// Segments to run.
+struct alignas(64) Segments {
     static constexpr int kCapacity = 128;
     float dx[kCapacity], u[kCapacity];  // of the first pixel, see Splats
-    int x[kCapacity], row[kCapacity];   // of the first pixel; row is a multiple of kRows
+    int x[kCapacity], row[kCapacity];   // of the first pixel; row is a multiple of kVectorRows
     int steps[kCapacity];               // vectors; negated when the recurrence does not hold
-    int lane[kCapacity];                // of the block
+    int splat[kCapacity];                // of the block
     vf e[kCapacity], r[kCapacity];      // first values of the recurrence
     int count;
 };
 
 // Adds the lanes of `mask`; there must be room for kLanes.
-static inline void append(Columns &c, unsigned mask, vf dx, vf u, vi x, vi row, vi steps, vi lane) {
+static inline void append(Segments &c, unsigned mask, vf dx, vf u, vi x, vi row, vi steps, vi lane) {
     const int n = c.count;
     c.count += __builtin_popcount(mask);
 #if defined(__AVX512F__)
@@ -54,7 +54,7 @@ static inline void append(Columns &c, unsigned mask, vf dx, vf u, vi x, vi row, 
     put(c.x + n, (__m512i)x);
     put(c.row + n, (__m512i)row);
     put(c.steps + n, (__m512i)steps);
-    put(c.lane + n, (__m512i)lane);
+    put(c.splat + n, (__m512i)lane);
 #else
     alignas(64) float dxs[kLanes], us[kLanes];
     alignas(64) int xs[kLanes], rows[kLanes], counts[kLanes], lanes[kLanes];
@@ -71,7 +71,7 @@ static inline void append(Columns &c, unsigned mask, vf dx, vf u, vi x, vi row, 
         c.x[to] = xs[l];
         c.row[to] = rows[l];
         c.steps[to] = counts[l];
-        c.lane[to] = lanes[l];
+        c.splat[to] = lanes[l];
     }
 #endif
 }
@@ -79,27 +79,27 @@ static inline void append(Columns &c, unsigned mask, vf dx, vf u, vi x, vi row, 
 // Offsets of a vector's pixels from its first.
 template <int... Lane>
 constexpr vf pixel_x(std::integer_sequence<int, Lane...>) {
-    return vf{static_cast<float>(Lane % kColumns)...};
+    return vf{static_cast<float>(Lane % kVectorColumns)...};
 }
 template <int... Lane>
 constexpr vf pixel_y(std::integer_sequence<int, Lane...>) {
-    return vf{static_cast<float>(Lane / kColumns)...};
+    return vf{static_cast<float>(Lane / kVectorColumns)...};
 }
 static constexpr vf kPixelX = pixel_x(AllLanes{});
 static constexpr vf kPixelY = pixel_y(AllLanes{});
 
-static inline vf column_u(const Splats &s, const Columns &c, int n) {
-    return (c.u[n] + kPixelY) - s.slope[c.lane[n]] * kPixelX;
+static inline vf segment_u(const Splats &s, const Segments &c, int n) {
+    return (c.u[n] + kPixelY) - s.slope[c.splat[n]] * kPixelX;
 }
 
 // Runs the columns gathered so far: run(), then none are left.
 template <class Run>
-static inline void flush(const Splats &s, Columns &c, Run run) {
+static inline void flush(const Splats &s, Segments &c, Run run) {
     for (int n = 0; n < c.count; ++n) {
-        const float down = s.down[c.lane[n]];
-        const vf dx = c.dx[n] + kPixelX, u = column_u(s, c, n);
-        c.e[n] = exp2(-(s.across[c.lane[n]] * dx * dx + down * u * u));
-        c.r[n] = exp2((-2.0f * kRows * down) * (u + 0.5f * kRows));
+        const float down = s.down[c.splat[n]];
+        const vf dx = c.dx[n] + kPixelX, u = segment_u(s, c, n);
+        c.e[n] = exp2(-(s.across[c.splat[n]] * dx * dx + down * u * u));
+        c.r[n] = exp2((-2.0f * kVectorRows * down) * (u + 0.5f * kVectorRows));
     }
     run();
     c.count = 0;
@@ -108,42 +108,42 @@ static inline void flush(const Splats &s, Columns &c, Run run) {
 // Calls run() with columns [0, c.count) made ready, again and again until it has had every column
 // of the block's splats of one layer in the rows of a band. Their order depends on nothing else.
 template <class Run>
-static inline void for_columns(const Splats &s, int layer, Extent band, Columns &c, Run run) {
+static inline void for_segments(const Splats &s, int layer, RowRange band, Segments &c, Run run) {
     c.count = 0;
     for (int half = 0; half < kBlock; half += kLanes) {
-        const vi begin = max(load(s.row_begin + half), splat(band.begin));
-        const vi end = min(load(s.row_end + half), splat(band.end));
+        const vi begin = max(load(s.row_begin + half), broadcast(band.begin));
+        const vi end = min(load(s.row_end + half), broadcast(band.end));
         const vi present = (begin < end) & (load(s.layer + half) == layer);
         if (!bits(present)) continue;
         const vf cx = load(s.cx + half), cy = load(s.cy + half), slope = load(s.slope + half);
         const vf across = load(s.across + half), down = load(s.down + half);
-        const vf bend = 1.0f / down, low_x = load(s.low_x + half);
+        const vf bend = 1.0f / down, lowest_dx = load(s.lowest_dx + half);
         const vf row_first = to_float(begin), row_last = to_float(end);
         const vi x_end = load(s.x_end + half);
-        for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kColumns) {
+        for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kVectorColumns) {
             const vf first = to_float(x) + 0.5f - cx,
-                     last = first + static_cast<float>(kColumns - 1);
+                     last = first + static_cast<float>(kVectorColumns - 1);
             // The ellipse's lower and upper edge over [first, last] are extreme where its vertical
             // extremes are, or at the end nearest to them.
-            const vf low_at = min(max(low_x, first), last), high_at = min(max(-low_x, first), last);
+            const vf low_at = min(max(lowest_dx, first), last), high_at = min(max(-lowest_dx, first), last);
             const vf low =
                 cy + slope * low_at + sqrt(max(kEnd - across * low_at * low_at, vf{}) * bend);
             const vf high =
                 cy + slope * high_at - sqrt(max(kEnd - across * high_at * high_at, vf{}) * bend);
             const vi top =
-                truncate(min(max(high + (0.9999f - 0.5f), row_first), row_last)) & -kRows;
+                truncate(min(max(high + (0.9999f - 0.5f), row_first), row_last)) & -kVectorRows;
             const vi bottom = truncate(min(max(low + 0.5f, row_first), row_last));
             const vi active = present & (x < x_end) & (top < bottom);
-            const vi steps = (bottom - top + (kRows - 1)) / kRows;
+            const vi steps = (bottom - top + (kVectorRows - 1)) / kVectorRows;
             // The exponent at the corners of the column.
             const vf dy = to_float(top) + 0.5f - cy;
-            const vf tall = to_float(steps * kRows - 1);
+            const vf tall = to_float(steps * kVectorRows - 1);
             const vf u0 = dy - slope * first, u1 = dy - slope * last;
             const vf reach =
                 max(max(absolute(u0), absolute(u1)), max(absolute(u0 + tall), absolute(u1 + tall)));
             const vf wide = max(absolute(first), absolute(last));
             const vi holds = across * wide * wide + down * reach * reach < kRecurrenceLimit;
-            if (c.count + kLanes > Columns::kCapacity) flush(s, c, run);
+            if (c.count + kLanes > Segments::kCapacity) flush(s, c, run);
             append(c, bits(active), first, u0, x, top, holds ? steps : -steps, kLaneIndex + half);
         }
     }
@@ -152,8 +152,8 @@ static inline void for_columns(const Splats &s, int layer, Extent band, Columns 
 
 // Calls body(e), e the weight before the cut-off, for each vector down a column.
 template <class Body>
-static inline void for_steps(const Splats &s, const Columns &c, int n, Body body) {
-    const int l = c.lane[n];
+static inline void for_steps(const Splats &s, const Segments &c, int n, Body body) {
+    const int l = c.splat[n];
     int steps = c.steps[n];
     if (__builtin_expect(steps > 0, 1)) {
         vf e = c.e[n], r = c.r[n];
@@ -166,8 +166,8 @@ static inline void for_steps(const Splats &s, const Columns &c, int n, Body body
     } else {
         const vf dx = c.dx[n] + kPixelX;
         const vf fixed = s.across[l] * dx * dx;
-        vf u = column_u(s, c, n);
-        for (; steps < 0; ++steps, u += static_cast<float>(kRows))
-            body(exp2(-min(fixed + s.down[l] * u * u, splat(120.0f))));
+        vf u = segment_u(s, c, n);
+        for (; steps < 0; ++steps, u += static_cast<float>(kVectorRows))
+            body(exp2(-min(fixed + s.down[l] * u * u, broadcast(120.0f))));
     }
 }

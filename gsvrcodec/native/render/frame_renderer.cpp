@@ -1,0 +1,293 @@
+#include "frame_renderer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace gsvr {
+namespace {
+
+constexpr int kProjectBlocks = 128;  // blocks a job
+// What stands still is kept when it is this part of all areas: to copy it costs time as well.
+constexpr double kLeastStaticShare = 0.15;
+// The backward pass sums plane gradients in this many groups of blocks, whatever the number of
+// threads, so that results do not depend on it.
+constexpr int kGradientGroups = 16;
+
+// Where a time lies in a grid's gt slices: the nearer two and the weight of the second.
+struct TimeSlices {
+    int low, high;
+    float weight;
+};
+
+TimeSlices time_slices(float tau, int gt) {
+    const float last = static_cast<float>(gt - 1);
+    // Comparisons in this order send NaN to the first slice.
+    const float t = std::min(std::max(0.0f, (tau + 1.0f) * 0.5f * last), last);
+    const int low = static_cast<int>(t);
+    return {low, std::min(low + 1, gt - 1), t - static_cast<float>(low)};
+}
+
+// The slice of a (gt, cells, 8) grid at a time.
+void interpolate_slices(const float *grid, int cells, TimeSlices at, float *line) {
+    const std::size_t width = static_cast<std::size_t>(cells) * kChannels;
+    const float *a = grid + at.low * width, *b = grid + at.high * width;
+    for (std::size_t i = 0; i < width; ++i) line[i] = a[i] + (b[i] - a[i]) * at.weight;
+}
+
+// The gradient of a slice to that of the grid.
+void scatter_slices(const float *line, int gt, int cells, TimeSlices at, float *grid) {
+    const std::size_t width = static_cast<std::size_t>(cells) * kChannels;
+    std::memset(grid, 0, gt * width * sizeof(float));
+    for (std::size_t i = 0; i < width; ++i) {
+        grid[at.low * width + i] += line[i] * (1.0f - at.weight);
+        grid[at.high * width + i] += line[i] * at.weight;
+    }
+}
+
+// Floats of the gradients of the xy grid and of the two time slices.
+std::size_t plane_floats(const GopArrays &gop) {
+    return (static_cast<std::size_t>(gop.gx) * gop.gy + gop.gx + gop.gy) * kChannels;
+}
+
+// Adds a line of edges to a row of a picture whose vectors have `lanes` pixels.
+void add_line(const float *line, const PyramidLevel &level, int row, int lanes, const Pixels &pixels) {
+    const int rows = std::max(lanes / kStripWidth, 1);
+    float *p = pixels.data + static_cast<std::size_t>(row / rows) * rows * kRowFloats +
+               row % rows * kStripWidth;
+    for (int strip = 0; strip < level.strips(); ++strip)
+        for (int c = 0; c < 3; ++c)
+            for (int i = 0; i < kStripWidth; ++i)
+                p[(static_cast<std::size_t>(strip) * pixels.rows * 3 + c * rows) * kStripWidth +
+                  i] += line[(strip * 3 + c) * kStripWidth + i];
+}
+
+// Floats of the pictures of levels [first, end), one after the other.
+std::size_t picture_floats(const RenderCall &call, int first = 1, int end = kLevels) {
+    std::size_t floats = 0;
+    for (int level = first; level < end; ++level) floats += call.levels[level].floats();
+    return floats;
+}
+
+// Floats of the edges that the bands of a level leave: two lines of the next level each.
+std::size_t edge_floats(const RenderCall &call, int levels = kLevels - 1) {
+    std::size_t floats = 0;
+    for (int level = 0; level < levels; ++level)
+        floats += 2 * call.levels[level].bands() * call.levels[level + 1].line_floats();
+    return floats;
+}
+
+}  // namespace
+
+RowRange PyramidLevel::band(int index) const {
+    const int begin = index * band_rows;
+    return {begin, std::min(begin + band_rows, size.height)};
+}
+
+RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool separate_static_)
+    : gop(gop_), size(size_), coded(coded_), kernels(gsvr::kernels()), separate_static(separate_static_) {
+    for (int level = 0; level < kLevels; ++level) {
+        const int round_up = (1 << level) - 1;
+        // Shorter bands above: there are few of them for the threads to share.
+        levels[level] = {{(size.width + round_up) >> level, (size.height + round_up) >> level},
+                         level ? kernels.band_rows / 2 : kernels.band_rows};
+    }
+}
+
+void FrameRenderer::reserve(const RenderCall &call, int bands, Workspace &space) {
+    const GopArrays &gop = call.gop;
+    space.splats.reserve(blocks(gop));
+    space.rows.reserve(static_cast<std::size_t>(blocks(gop)) * kLayers);
+    space.lines.reserve(static_cast<std::size_t>(gop.gx + gop.gy) * kChannels);
+    space.pixels.reserve(bands * call.levels[0].band_floats());
+    space.pictures.reserve(picture_floats(call));
+}
+
+FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Workspace &space, const StaticPyramid &static_pyramid)
+    : call_(call), space_(space), threads_(threads), static_pyramid_(static_pyramid), coarsest_(static_pyramid.coarsest) {
+    const GopArrays &gop = call.gop;
+    const double zoom = std::min(static_cast<double>(call.size.width) / call.coded.width,
+                                 static_cast<double>(call.size.height) / call.coded.height);
+    frame_ = {tau,
+              call.size.width,
+              call.size.height,
+              call.coded.width,
+              call.coded.height,
+              static_cast<float>(zoom),
+              {},
+              call.separate_static,
+              nullptr,
+              nullptr};
+    for (int level = 1; level < kLevels; ++level)
+        frame_.level_log_scale[level] =
+            static_cast<float>(std::log(kLevelScale * (1 << level) / zoom));
+    if (gop.gx > 0) {
+        float *xt = space.lines.get(), *yt = xt + gop.gx * kChannels;
+        interpolate_slices(gop.xt, gop.gx, time_slices(tau, gop.gt), xt);
+        interpolate_slices(gop.yt, gop.gy, time_slices(tau, gop.gt), yt);
+        frame_.xt_line = xt;
+        frame_.yt_line = yt;
+    }
+    const int count = static_pyramid.pictures ? static_pyramid.dynamic_blocks : blocks(gop);
+    parallel_for((count + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
+        const int begin = job * kProjectBlocks;
+        call.kernels.project(gop, frame_, begin, std::min(begin + kProjectBlocks, count),
+                                space.splats.get(), space.rows.get());
+    });
+    for (int layer = 0; layer < kLayers; ++layer) {
+        const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(layer) * blocks(gop);
+        const auto empty = [&](int block) { return rows[block].begin >= rows[block].end; };
+        int begin = 0, end = static_pyramid.pictures && layer >= kLevels ? 0 : count;
+        while (begin < end && empty(begin)) ++begin;
+        while (begin < end && empty(end - 1)) --end;
+        const int level = layer % kLevels;
+        layers_[layer] = {space.splats.get(),           rows, layer, begin, end,
+                          call.levels[level].band_rows};
+        if (begin < end) coarsest_ = std::max(coarsest_, level);
+    }
+}
+
+StaticPyramid FrameRenderer::draw_static_pyramid() const {
+    double static_area = 0.0, area_sum = 0.0;
+    StaticPyramid drawn{nullptr, 0, 0};
+    const int count = blocks(call_.gop);
+    for (int block = 0; block < count; ++block) {
+        const Splats &s = space_.splats.get()[block];
+        for (int lane = 0; lane < kBlock; ++lane) {
+            if (s.layer[lane] < kLevels) drawn.dynamic_blocks = block + 1;
+            if (s.row_begin[lane] >= s.row_end[lane]) continue;
+            const double area = static_cast<double>(s.x_end[lane] - s.x_begin[lane]) *
+                                (s.row_end[lane] - s.row_begin[lane]);
+            area_sum += area;
+            if (s.layer[lane] >= kLevels) static_area += area;
+        }
+    }
+    if (static_area <= kLeastStaticShare * area_sum) return drawn;
+    float *pictures = space_.static_pictures.reserve(picture_floats(call_, 0));
+    for (int level = 0; level < kLevels; ++level) {
+        if (!layers_[kLevels + level].empty()) drawn.coarsest = level;
+        const PyramidLevel &own = call_.levels[level];
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            begin_band(level, own.band(index), level_pixels(pictures, 0, level));
+        });
+    }
+    drawn.pictures = pictures;
+    return drawn;
+}
+
+Pixels FrameRenderer::level_pixels(float *pictures, int first, int level) const {
+    const PyramidLevel &own = call_.levels[level];
+    return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows};
+}
+
+Pixels FrameRenderer::picture(int level) const { return level_pixels(space_.pictures.get(), 1, level); }
+
+Pixels FrameRenderer::picture_gradient(int level) const {
+    return level_pixels(space_.picture_gradients.get(), 1, level);
+}
+
+float *FrameRenderer::edges(int level) const { return space_.edges.get() + edge_floats(call_, level); }
+
+void FrameRenderer::render_levels() const {
+    for (int level = coarsest_; level > 0; --level) {
+        const PyramidLevel &own = call_.levels[level];
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            rasterise_band(level, own.band(index), picture(level));
+        });
+    }
+}
+
+void FrameRenderer::begin_band(int level, RowRange rows, const Pixels &pixels) const {
+    const PyramidLevel &own = call_.levels[level];
+    const std::size_t bytes = sizeof(float) * kRowFloats * own.band_rows;
+    const auto strip_of = [&](const Pixels &of, int strip) {
+        const std::size_t row = static_cast<std::size_t>(strip) * of.rows + rows.begin;
+        return of.data + (row - of.first_row) * kRowFloats;
+    };
+    if (static_pyramid_.pictures) {
+        const Pixels drawn = level_pixels(const_cast<float *>(static_pyramid_.pictures), 0, level);
+        for (int strip = 0; strip < own.strips(); ++strip)
+            std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
+        return;
+    }
+    for (int strip = 0; strip < own.strips(); ++strip)
+        std::memset(strip_of(pixels, strip), 0, bytes);
+    call_.kernels.rasterise(layers_[kLevels + level], rows, pixels);
+}
+
+void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixels) const {
+    const PyramidLevel &own = call_.levels[level];
+    // A picture that is to be set need not be cleared.
+    const bool add = level == coarsest_ || static_pyramid_.pictures || !layers_[kLevels + level].empty();
+    if (add) begin_band(level, rows, pixels);
+    if (level < coarsest_) {
+        const Size above = call_.levels[level + 1].size;
+        call_.kernels.upsample(picture(level + 1), above.width, above.height, pixels,
+                                  own.size.width, rows, add);
+    }
+    call_.kernels.rasterise(layers_[level], rows, pixels);
+}
+
+void FrameRenderer::backward_band(int level, RowRange rows, const Pixels &pixels) const {
+    call_.kernels.gather_moments(layers_[level], rows, pixels, space_.moments.get());
+    if (level == coarsest_) return;
+    const PyramidLevel &own = call_.levels[level], &above = call_.levels[level + 1];
+    call_.kernels.downsample(
+        pixels, own.size.width, own.size.height, rows, picture_gradient(level + 1),
+        above.size.width, edges(level) + rows.begin / own.band_rows * 2 * above.line_floats());
+}
+
+void FrameRenderer::backward_levels() const {
+    for (int level = 1; level <= coarsest_; ++level) {
+        const PyramidLevel &own = call_.levels[level], &below = call_.levels[level - 1];
+        const Pixels pixels = picture_gradient(level);
+        for (int index = 0; index < below.bands(); ++index) {
+            const RowRange band = below.band(index);
+            const float *lines = edges(level - 1) + 2 * index * own.line_floats();
+            const int lanes = call_.kernels.lanes;
+            if (index) add_line(lines, own, band.begin / 2 - 1, lanes, pixels);
+            if (index + 1 < below.bands())
+                add_line(lines + own.line_floats(), own, band.end / 2, lanes, pixels);
+        }
+        parallel_for(own.bands(), threads_,
+                     [&](int index, int) { backward_band(level, own.band(index), pixels); });
+    }
+}
+
+void FrameRenderer::reserve_backward() const {
+    space_.plane_gradients.reserve(kGradientGroups * plane_floats(call_.gop));
+    space_.picture_gradients.reserve(picture_floats(call_));
+    space_.edges.reserve(edge_floats(call_));
+    BlockRows *rows = space_.rows.get();
+    std::size_t slots = 0;
+    for (const SplatLayer &layer : layers_)
+        for (int block = 0; block < blocks(call_.gop); ++block, ++rows) {
+            rows->slot = static_cast<int>(slots);
+            slots += block_bands(*rows, layer.band_rows);
+        }
+    space_.moments.reserve(slots * kBlock);
+}
+
+void FrameRenderer::backward_deformation(const GopArrays &gradient) const {
+    const GopArrays &gop = call_.gop;
+    const std::size_t xy = static_cast<std::size_t>(gop.gx) * gop.gy * kChannels;
+    const std::size_t xt = static_cast<std::size_t>(gop.gx) * kChannels;
+    const std::size_t group = plane_floats(gop);
+    float *sums = space_.plane_gradients.get();
+    const int count = blocks(gop), size = (count + kGradientGroups - 1) / kGradientGroups;
+    parallel_for(kGradientGroups, threads_, [&](int job, int) {
+        float *own = sums + job * group;
+        if (group) std::memset(own, 0, group * sizeof(float));
+        call_.kernels.backward(gop, frame_, layers_, space_.moments.get(),
+                                  std::min(job * size, count), std::min(job * size + size, count),
+                                  gradient, own, own + xy, own + xy + xt);
+    });
+    if (gop.gx == 0) return;
+    for (int job = 1; job < kGradientGroups; ++job)
+        for (std::size_t i = 0; i < group; ++i) sums[i] += sums[job * group + i];
+    std::memcpy(gradient.xy, sums, xy * sizeof(float));
+    scatter_slices(sums + xy, gop.gt, gop.gx, time_slices(frame_.tau, gop.gt), gradient.xt);
+    scatter_slices(sums + xy + xt, gop.gt, gop.gy, time_slices(frame_.tau, gop.gt), gradient.yt);
+}
+
+}  // namespace gsvr
