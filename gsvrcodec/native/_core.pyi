@@ -1,15 +1,26 @@
 from typing import Any
 
-# Arrays are C-contiguous float32 (images: uint8 or float32) on the CPU: NumPy or torch.
+# A C-contiguous float32 array on the CPU, NumPy or torch; images may be uint8 instead.
 Array = Any
 
-def isa() -> str: ...  # the instruction set in use
-def isas() -> list[str]: ...  # those that this machine has, best first
-def use_isa(name: str) -> None: ...
-def constants() -> dict[str, float]: ...  # of reconstruction, by their Python names
-def resolve_threads(requested: int) -> int: ...
+def isa() -> str:
+    """Return the name of the instruction set in use."""
+
+def isas() -> list[str]:
+    """Return the names of the instruction sets that this machine supports, fastest first."""
+
+def use_isa(name: str) -> None:
+    """Use the kernels of another instruction set from now on."""
+
+def resolve_threads(requested: int) -> int:
+    """Return the number of threads for a call: `requested`; 0 = GSVR_THREADS or all cores."""
+
+def constants() -> dict[str, float]:
+    """Return the constants of `gsvrcodec.model.reconstruction` as C++ has them, by name."""
 
 class Parameters:
+    """The arrays of a `gsvrcodec.model.gop.Gop`, or of its gradients; used without a copy."""
+
     def __init__(
         self,
         position: Array,
@@ -24,6 +35,9 @@ class Parameters:
         yt: Array,
     ) -> None: ...
 
+# In all functions below, `coded_width` and `coded_height` are the size, in pixels, in which the
+# Gaussians have their scales, and `threads` = 0 means GSVR_THREADS or all cores.
+
 def render_rgb8(
     parameters: Parameters,
     taus: Array,
@@ -31,7 +45,9 @@ def render_rgb8(
     coded_width: int,
     coded_height: int,
     threads: int,
-) -> None: ...
+) -> None:
+    """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) uint8."""
+
 def render_float(
     parameters: Parameters,
     taus: Array,
@@ -39,7 +55,9 @@ def render_float(
     coded_width: int,
     coded_height: int,
     threads: int,
-) -> None: ...
+) -> None:
+    """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) float32, not clamped."""
+
 def backward_float(
     parameters: Parameters,
     tau: float,
@@ -48,7 +66,9 @@ def backward_float(
     coded_height: int,
     gradient: Parameters,
     threads: int,
-) -> None: ...
+) -> None:
+    """Write the gradients of sum(frame * weights) to `gradient`; `weights` is (H, W, 3) float32."""
+
 def squared_error(
     parameters: Parameters,
     tau: float,
@@ -59,7 +79,18 @@ def squared_error(
     threads: int,
     backdrop: Array | None = None,
 ) -> float:
-    """`backdrop` (height, width, 3) float32 is added to the frame."""
+    """Return the mean squared error of a frame, clamped to [0, 1], and write its gradients.
+
+    Args:
+        parameters: of the GOP.
+        tau: time of the frame.
+        target: (H, W, 3) uint8; 255 stands for 1.
+        coded_width: see above.
+        coded_height: see above.
+        gradient: receives the gradients. The gradient of the clamp counts as 1 everywhere.
+        threads: see above.
+        backdrop: (H, W, 3) float32, added to the frame before the clamp.
+    """
 
 def adam_step(
     param: Array,
@@ -73,4 +104,17 @@ def adam_step(
     step: int,
     threads: int = 0,
 ) -> None:
-    """One step of Adam in place; `lr` has one entry, or one for each column of the last axis."""
+    """Do one step of Adam in place.
+
+    Args:
+        param: the parameters.
+        grad: gradients, of the same size.
+        m: first moments, of the same size.
+        v: second moments, of the same size.
+        lr: one learning rate, or one for each column of the last axis.
+        beta1: decay of the first moments.
+        beta2: decay of the second moments.
+        eps: added to the root of the second moments.
+        step: number of the step, from 1.
+        threads: see above.
+    """

@@ -3,21 +3,33 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-class Corrupt(ValueError): ...
+# Planes are (height, width) arrays. In all functions, `prior` is (count, height, width): the prior
+# planes; `columns` is (height, width) or None: the result of `follow`.
+
+class Corrupt(ValueError):
+    """The bytes are not a valid stream; the message says why."""
 
 class Predictor:
+    """The linear prediction of a sample in codec 4; the spec has the units and bounds."""
+
     def __init__(
         self,
         terms: Sequence[tuple[int, int]],
         bias: int,
         guided: bool,
         weights: Sequence[int],
-    ) -> None: ...
+    ) -> None:
+        """Set the weights of (prior plane, weight) `terms` and of the six neighbours."""
 
 class Coding:
-    def __init__(self, direct: int, top: int, thresholds: Sequence[int]) -> None: ...
+    """The parameters of the entropy coder in codec 4."""
 
-def follow(guide: NDArray[np.uint16], columns: NDArray[np.uint16]) -> None: ...
+    def __init__(self, direct: int, top: int, thresholds: Sequence[int]) -> None:
+        """Set how errors are divided into tokens, and the bounds of the contexts."""
+
+def follow(guide: NDArray[np.uint16], columns: NDArray[np.uint16]) -> None:
+    """Write to `columns`, for each sample, the column of the row above that the sample follows."""
+
 def predict(
     samples: NDArray[np.uint16],
     bits: int,
@@ -26,8 +38,12 @@ def predict(
     predictor: Predictor,
     errors: NDArray[np.int32],
     around: NDArray[np.uint32],
-) -> None: ...
-def measure(errors: NDArray[np.int32], around: NDArray[np.uint32], coding: Coding) -> float: ...
+) -> None:
+    """Write the errors of the prediction, and for each sample the weighted errors around it."""
+
+def measure(errors: NDArray[np.int32], around: NDArray[np.uint32], coding: Coding) -> float:
+    """Return the size in bits of a stream with these errors, without its predictor."""
+
 def encode_context(
     samples: NDArray[np.uint16],
     bits: int,
@@ -35,13 +51,20 @@ def encode_context(
     columns: NDArray[np.uint16] | None,
     predictor: Predictor,
     coding: Coding,
-) -> bytes: ...
+) -> bytes:
+    """Encode a plane with codec 4."""
+
 def decode_context(
     data: bytes,
     bits: int,
     prior: NDArray[np.uint16],
     columns: NDArray[np.uint16] | None,
     out: NDArray[np.uint16],
-) -> None: ...
-def encode_ranges(samples: NDArray[np.uint16]) -> bytes: ...
-def decode_ranges(data: bytes, bits: int, out: NDArray[np.uint16]) -> None: ...
+) -> None:
+    """Decode a plane of codec 4 to `out`; raise `Corrupt` if `data` is not valid."""
+
+def encode_ranges(samples: NDArray[np.uint16]) -> bytes:
+    """Encode a plane with codec 5."""
+
+def decode_ranges(data: bytes, bits: int, out: NDArray[np.uint16]) -> None:
+    """Decode a plane of codec 5 to `out`; raise `Corrupt` if `data` is not valid."""

@@ -13,18 +13,18 @@ constexpr int kMaxTerms = 15;
 constexpr std::int32_t kMaxWeightSum = 1 << 12;
 constexpr std::int32_t kMaxBias = (1 << 29) - 1;
 constexpr std::uint32_t kMaxThreshold = 1u << 20;
-// Reads between two checks before the samples: the longest run of ones and the bit after.
+// An upper bound of the reads between two checks before the first sample.
 constexpr std::size_t kHeadReads = 8;
 constexpr unsigned kGuided = 16, kNear = 32;
 
-// What later samples need of one: 256 times the sample less what prior planes say, and the
-// magnitude of its error.
+// The values of a sample that the prediction of later samples needs: 256 times the difference
+// between the sample and the prediction from prior planes, and the magnitude of the error.
 struct Cell {
     std::int32_t value, error;
 };
 
-// Goes over the plane in raster order. `step(index, prediction, around)` returns the error of the
-// prediction; `row_done()` follows each row.
+// Visits the samples in raster order. step(index, prediction, around) must return the error of the
+// prediction; row_done() is called after each row.
 template <class Step, class RowDone>
 void walk(const Plane &plane, const Predictor &predictor, Step step, RowDone row_done) {
     const int width = plane.width, highest = (1 << plane.bits) - 1;
@@ -58,8 +58,9 @@ void walk(const Plane &plane, const Predictor &predictor, Step step, RowDone row
                 around += 6 * left.error;
             }
             const std::int64_t wanted = (base[x] + (value >> 6) + 128) >> 8;
-            const int prediction =
-                static_cast<int>(wanted < 0 ? 0 : wanted > highest ? highest : wanted);
+            const int prediction = static_cast<int>(wanted < 0         ? 0
+                                                    : wanted > highest ? highest
+                                                                       : wanted);
             const int error = step(begin + x, prediction, around);
             const Cell cell{256 * (prediction + error) - base[x], std::abs(error)};
             row[x] = cell;
@@ -72,9 +73,9 @@ void walk(const Plane &plane, const Predictor &predictor, Step step, RowDone row
     }
 }
 
-// Which context a sample belongs to: how many thresholds are not larger than what is around it.
+// Maps `around` of a sample to its context: the number of thresholds that are not larger.
 class Contexts {
-  public:
+   public:
     explicit Contexts(const std::vector<std::uint32_t> &thresholds) : thresholds_(thresholds) {
         for (std::uint32_t around = 0; around < kTable; ++around)
             table_[around] = static_cast<std::uint8_t>(count(around));
@@ -84,7 +85,7 @@ class Contexts {
         return around < kTable ? table_[around] : count(around);
     }
 
-  private:
+   private:
     static constexpr std::uint32_t kTable = 4096;
 
     unsigned count(std::uint32_t around) const {
@@ -224,10 +225,13 @@ void follow(int width, int height, const std::uint16_t *guide, std::uint16_t *co
 void predict(const Plane &plane, const Predictor &predictor, const std::uint16_t *samples,
              std::int32_t *errors, std::uint32_t *around) {
     check(plane, predictor);
-    walk(plane, predictor, [&](std::size_t index, int prediction, std::uint32_t near) {
-        around[index] = near;
-        return errors[index] = samples[index] - prediction;
-    }, [] {});
+    walk(
+        plane, predictor,
+        [&](std::size_t index, int prediction, std::uint32_t near) {
+            around[index] = near;
+            return errors[index] = samples[index] - prediction;
+        },
+        [] {});
 }
 
 double measure(const std::int32_t *errors, const std::uint32_t *around, std::size_t count,
@@ -240,7 +244,8 @@ double measure(const std::int32_t *errors, const std::uint32_t *around, std::siz
     for (const auto &counts : count_tokens(errors, around, count, coding)) {
         frequencies.write(head, counts);
         bits += frequencies.cost(counts);
-        for (unsigned token = 0; token < kMaxTokens; ++token) bits += 1.0 * counts[token] * table[token].bits;
+        for (unsigned token = 0; token < kMaxTokens; ++token)
+            bits += 1.0 * counts[token] * table[token].bits;
     }
     return bits + static_cast<double>(head.bit_count());
 }
@@ -284,17 +289,20 @@ void decode_context(const Plane &plane, const std::uint8_t *data, std::size_t si
     const Contexts context_of(coding.thresholds);
     const auto table = token_table({coding.direct, coding.top});
     const int highest = (1 << plane.bits) - 1;
-    walk(plane, predictor, [&](std::size_t index, int prediction, std::uint32_t around) {
-        const Frequencies &context = contexts[context_of(around)];
-        const std::uint32_t slot = in.state() & (kFrequencySum - 1);
-        const unsigned token = context.token(slot);
-        in.advance(context.frequency(token), kFrequencyBits, slot - context.start(token));
-        const std::uint32_t number = table[token].base + 2 * in.bits(table[token].bits);
-        const int error = unzigzag(number), sample = prediction + error;
-        if (sample < 0 || sample > highest) throw Corrupt("a sample is out of range");
-        samples[index] = static_cast<std::uint16_t>(sample);
-        return error;
-    }, [&] { in.check(); });
+    walk(
+        plane, predictor,
+        [&](std::size_t index, int prediction, std::uint32_t around) {
+            const Frequencies &context = contexts[context_of(around)];
+            const std::uint32_t slot = in.state() & (kFrequencySum - 1);
+            const unsigned token = context.token(slot);
+            in.advance(context.frequency(token), kFrequencyBits, slot - context.start(token));
+            const std::uint32_t number = table[token].base + 2 * in.bits(table[token].bits);
+            const int error = unzigzag(number), sample = prediction + error;
+            if (sample < 0 || sample > highest) throw Corrupt("a sample is out of range");
+            samples[index] = static_cast<std::uint16_t>(sample);
+            return error;
+        },
+        [&] { in.check(); });
     in.finish();
 }
 

@@ -1,4 +1,4 @@
-// The Python face of the entropy-coded planes. Samples come as uint16 arrays of rows.
+// The Python module _entropy: plane codecs 4 and 5. Planes are (height, width) arrays of uint16.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -32,7 +32,7 @@ void require(bool condition, const char *message) {
     if (!condition) throw nb::value_error(message);
 }
 
-// The plane of these samples, with the planes before it and the columns its rows follow.
+// Checks the arrays of a plane, its prior planes and the columns to follow (null: not guided).
 template <class A>
 gsvr::Plane plane_of(const A &samples, int bits, const Prior &prior, const Columns &columns) {
     const std::size_t height = samples.shape(0), width = samples.shape(1);
@@ -45,13 +45,17 @@ gsvr::Plane plane_of(const A &samples, int bits, const Prior &prior, const Colum
         require(columns->shape(0) == height && columns->shape(1) == width,
                 "columns must have the size of the plane");
         const std::uint16_t *begin = columns->data();
-        require(*std::max_element(begin, begin + columns->size()) < width, "a column is out of range");
+        require(*std::max_element(begin, begin + columns->size()) < width,
+                "a column is out of range");
     }
-    return {static_cast<int>(width), static_cast<int>(height), bits, prior.data(),
-            static_cast<int>(prior.shape(0)), columns ? columns->data() : nullptr};
+    return {
+        static_cast<int>(width),          static_cast<int>(height),           bits, prior.data(),
+        static_cast<int>(prior.shape(0)), columns ? columns->data() : nullptr};
 }
 
-nb::bytes bytes_of(const std::vector<std::uint8_t> &data) { return nb::bytes(data.data(), data.size()); }
+nb::bytes bytes_of(const std::vector<std::uint8_t> &data) {
+    return nb::bytes(data.data(), data.size());
+}
 
 const std::uint8_t *data_of(const nb::bytes &data) {
     return static_cast<const std::uint8_t *>(data.data());
@@ -98,7 +102,8 @@ nb::bytes encode_ranges(Samples samples) {
 }
 
 void decode_ranges(nb::bytes data, int bits, OutSamples out) {
-    require(out.size() && out.shape(0) <= kMaxSide && out.shape(1) <= kMaxSide && bits >= 1 && bits <= 16,
+    require(out.size() && out.shape(0) <= kMaxSide && out.shape(1) <= kMaxSide && bits >= 1 &&
+                bits <= 16,
             "a plane has 1 to 65535 rows and columns and 1 to 16 bits");
     nb::gil_scoped_release release;
     gsvr::decode_ranges(static_cast<int>(out.shape(1)), static_cast<int>(out.shape(0)), bits,
@@ -111,27 +116,30 @@ NB_MODULE(_entropy, m) {
     m.doc() = "Entropy-coded planes: codecs 4 and 5 (spec/gsvr.md).";
     nb::exception<gsvr::Corrupt>(m, "Corrupt", PyExc_ValueError);
     nb::class_<gsvr::Predictor>(m, "Predictor")
-        .def("__init__",
-             [](gsvr::Predictor *self, const std::vector<std::pair<int, int>> &terms, int bias,
-                bool guided, const std::array<int, gsvr::kNeighbours> &weights) {
-                 new (self) gsvr::Predictor{{}, bias, guided, weights};
-                 for (const auto &[plane, weight] : terms) self->terms.push_back({plane, weight});
-             },
-             "terms"_a, "bias"_a, "guided"_a, "weights"_a);
+        .def(
+            "__init__",
+            [](gsvr::Predictor *self, const std::vector<std::pair<int, int>> &terms, int bias,
+               bool guided, const std::array<int, gsvr::kNeighbours> &weights) {
+                new (self) gsvr::Predictor{{}, bias, guided, weights};
+                for (const auto &[plane, weight] : terms) self->terms.push_back({plane, weight});
+            },
+            "terms"_a, "bias"_a, "guided"_a, "weights"_a);
     nb::class_<gsvr::Coding>(m, "Coding")
-        .def("__init__",
-             [](gsvr::Coding *self, unsigned direct, unsigned top,
-                const std::vector<std::uint32_t> &thresholds) {
-                 new (self) gsvr::Coding{direct, top, thresholds};
-             },
-             "direct"_a, "top"_a, "thresholds"_a);
+        .def(
+            "__init__",
+            [](gsvr::Coding *self, unsigned direct, unsigned top,
+               const std::vector<std::uint32_t> &thresholds) {
+                new (self) gsvr::Coding{direct, top, thresholds};
+            },
+            "direct"_a, "top"_a, "thresholds"_a);
     m.def("follow", &follow, "guide"_a, "columns"_a);
     m.def("predict", &predict, "samples"_a, "bits"_a, "prior"_a, "columns"_a.none(), "predictor"_a,
           "errors"_a, "around"_a);
     m.def("measure", &measure, "errors"_a, "around"_a, "coding"_a);
     m.def("encode_context", &encode_context, "samples"_a, "bits"_a, "prior"_a, "columns"_a.none(),
           "predictor"_a, "coding"_a);
-    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "prior"_a, "columns"_a.none(), "out"_a);
+    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "prior"_a, "columns"_a.none(),
+          "out"_a);
     m.def("encode_ranges", &encode_ranges, "samples"_a);
     m.def("decode_ranges", &decode_ranges, "data"_a, "bits"_a, "out"_a);
 }

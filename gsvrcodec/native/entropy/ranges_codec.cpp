@@ -9,9 +9,11 @@ namespace {
 
 constexpr unsigned kSlotBits = 16;
 
-// The first of 2^16 slots that stand for `value` of `count`; slot * count >> 16 is its inverse.
+// The first of the 2^16 slots of `value`, one of `count` equally likely values. The inverse is
+// slot * count >> 16.
 std::uint32_t slot_of(std::uint32_t value, std::uint32_t count) {
-    return static_cast<std::uint32_t>(((static_cast<std::uint64_t>(value) << kSlotBits) + count - 1) / count);
+    return static_cast<std::uint32_t>(
+        ((static_cast<std::uint64_t>(value) << kSlotBits) + count - 1) / count);
 }
 
 }  // namespace

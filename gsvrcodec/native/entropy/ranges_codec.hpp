@@ -1,4 +1,5 @@
-// Codec 5, ranges (spec section "Codec 5"): the range of each row, and all samples of it alike.
+// Plane codec 5, "ranges" (spec section "Codec 5"). Stores the smallest and the largest sample of
+// each row; the samples of a row are coded as equally likely values of that range.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +10,7 @@ namespace gsvr {
 
 std::vector<std::uint8_t> encode_ranges(int width, int height, const std::uint16_t *samples);
 
-// Throws Corrupt.
+// Throws Corrupt if the stream is not valid.
 void decode_ranges(int width, int height, int bits, const std::uint8_t *data, std::size_t size,
                    std::uint16_t *samples);
 

@@ -1,5 +1,6 @@
-// The range coder of plane codecs 4 and 5 (spec section "Range coder"): rANS with a 32-bit state
-// that grows and shrinks by 16-bit words, and plain bits that are read from the other end.
+// The range coder of plane codecs 4 and 5 (spec section "Range coder"): rANS with a 32-bit state,
+// renormalised by 16-bit words. Plain bits, which are not entropy coded, are stored from the end of
+// the stream backwards.
 #pragma once
 
 #include <algorithm>
@@ -16,11 +17,12 @@ struct Corrupt : std::runtime_error {
 
 inline constexpr std::uint32_t kStateLow = 1u << 16;
 
-// Reads the bytes of a plane: whole bytes from the front, then words of the coder from there and
-// bits from the back. Past the end both read zeros, which `check` finds.
+// Reads a stream: the bytes of the head and then the words of the coder from the front, plain bits
+// from the back. Reads beyond the ends of the stream return zeros, and the next check() throws.
 class Reader {
-  public:
-    // `unchecked` is the largest number of words and bit strings read between two checks.
+   public:
+    // `unchecked` is the largest number of calls of word(), advance() and bits() between two
+    // checks.
     Reader(const std::uint8_t *data, std::size_t size, std::size_t unchecked)
         : buffer_(2 * (4 + 2 * unchecked) + size), front_(4 + 2 * unchecked), end_(front_ + size) {
         std::copy(data, data + size, buffer_.begin() + static_cast<std::ptrdiff_t>(front_));
@@ -37,11 +39,11 @@ class Reader {
         return value;
     }
 
-    // The next `count` bits, at most 16, the highest first.
+    // The next `count` plain bits, at most 16, the most significant first.
     std::uint32_t bits(unsigned count) {
         const std::uint8_t *last = buffer_.data() + end_ - (position_ >> 3) - 4;
-        const std::uint32_t window = last[0] | last[1] << 8 | last[2] << 16 |
-                                     static_cast<std::uint32_t>(last[3]) << 24;
+        const std::uint32_t window =
+            last[0] | last[1] << 8 | last[2] << 16 | static_cast<std::uint32_t>(last[3]) << 24;
         const std::uint32_t top = window << (position_ & 7);
         position_ += count;
         return (top >> 1) >> (31 - count);
@@ -60,17 +62,20 @@ class Reader {
 
     std::uint32_t state() const { return state_; }
 
-    // Leaves an interval of `frequency` slots of 2^bits, `offset` slots into it.
+    // Decodes a symbol that has `frequency` of the 2^bits slots; `offset` is the slot of the state,
+    // counted from the first slot of the symbol.
     void advance(std::uint32_t frequency, unsigned bits, std::uint32_t offset) {
         state_ = frequency * (state_ >> bits) + offset;
-        // Without a branch, as nobody can guess it.
+        // Renormalises without a branch: the processor could not predict the
+        // branch.
         const std::uint32_t low = state_ < kStateLow;
         const std::uint32_t next = buffer_[front_] | buffer_[front_ + 1] << 8;
         front_ += 2 * low;
         state_ = low ? state_ << 16 | next : state_;
     }
 
-    // All bytes used, the bits that fill the last byte zero, and the coder where it began.
+    // Throws unless all bytes are used, the padding bits are zero, and the state is the one that
+    // the writer started from.
     void finish() {
         check();
         const unsigned unused = static_cast<unsigned>(-position_ & 7);
@@ -79,16 +84,17 @@ class Reader {
         if (state_ != kStateLow) throw Corrupt("its coder does not end where it must");
     }
 
-  private:
+   private:
     std::vector<std::uint8_t> buffer_;
     std::size_t front_, end_;
     std::size_t position_ = 0;
     std::uint32_t state_ = 0;
 };
 
-// Collects what a Reader reads. Intervals are given last to first, bits first to last.
+// Writes a stream for Reader. Symbols must be given from the last to the first, plain bits from the
+// first to the last.
 class Writer {
-  public:
+   public:
     std::vector<std::uint8_t> head;
 
     void bits(std::uint32_t value, unsigned count) {
@@ -99,8 +105,9 @@ class Writer {
         }
     }
 
+    // Encodes a symbol that has the slots [start, start + frequency) of 2^bits.
     void retreat(std::uint32_t start, std::uint32_t frequency, unsigned bits) {
-        // As 64 bits: the bound is 2^32 for an interval of all slots.
+        // In 64 bits: the bound is 2^32 for a symbol that has all slots.
         if (state_ >= static_cast<std::uint64_t>(frequency) << (32 - bits)) {
             words_.push_back(static_cast<std::uint16_t>(state_));
             state_ >>= 16;
@@ -122,14 +129,14 @@ class Writer {
         return out;
     }
 
-  private:
+   private:
     std::vector<std::uint16_t> words_;
     std::vector<std::uint8_t> bits_;
     std::size_t used_ = 0;
     std::uint32_t state_ = kStateLow;
 };
 
-// Unsigned numbers of the head: seven bits a byte, as the varints of the spec, at most 32 bits.
+// Unsigned numbers in the head of a stream: varints (see the spec) of at most 32 bits.
 inline std::uint32_t read_varint(Reader &in) {
     std::uint32_t value = 0;
     for (unsigned shift = 0; shift < 35; shift += 7) {

@@ -1,4 +1,5 @@
-// Errors as a token and plain bits, and the frequencies of tokens (spec section "Codec 4").
+// Prediction errors as tokens and plain bits, and the frequencies of tokens (spec section "Codec
+// 4").
 #pragma once
 
 #include <algorithm>
@@ -15,8 +16,9 @@ inline constexpr unsigned kMaxTokens = 256;
 inline constexpr unsigned kFrequencyBits = 12;
 inline constexpr std::uint32_t kFrequencySum = 1u << kFrequencyBits;
 
-// How zigzag numbers divide into tokens: each number below 2^direct has its own; above, a token
-// holds the numbers that share their highest bit, the `top` bits after it, and the lowest one.
+// The division of zigzag numbers into tokens. Each number below 2^direct has its own token. The
+// numbers above share a token if they have the same highest set bit, the same `top` bits below it,
+// and the same lowest bit.
 struct Division {
     unsigned direct, top;
     bool valid() const { return top <= 2 && direct > top && direct <= 7; }
@@ -30,14 +32,15 @@ struct Division {
     }
 };
 
-// A token stands for 2^bits zigzag numbers: base, base + 2, base + 4, ...
+// A token stands for 2^bits zigzag numbers: base, base + 2, base + 4, ... Plain bits select one.
 struct Token {
     std::uint32_t base;
     unsigned bits;
 };
 using TokenTable = std::array<Token, kMaxTokens>;
 
-// Tokens far past the largest zigzag number, of 17 bits, get one that is no error of any sample.
+// Zigzag numbers have at most 17 bits. Tokens beyond them stand for 2^20, which is never a valid
+// error.
 inline TokenTable token_table(const Division &division) {
     TokenTable table;
     table.fill({1u << 20, 0});
@@ -56,12 +59,12 @@ inline TokenTable token_table(const Division &division) {
     return table;
 }
 
-// How often each token is expected, in slots of 2^kFrequencyBits.
+// The frequencies of the tokens of one context, in slots of 2^kFrequencyBits.
 class Frequencies {
-  public:
+   public:
     using Counts = std::array<std::uint32_t, kMaxTokens>;
 
-    // Throws Corrupt.
+    // Throws Corrupt if the frequencies are not valid.
     void read(Reader &in) {
         const unsigned count = in.bits(8) + 1;
         std::array<std::uint8_t, kMaxTokens> levels{};
@@ -80,7 +83,7 @@ class Frequencies {
         set(levels);
     }
 
-    // Writes what `read` reads; all tokens counted get a frequency.
+    // Writes frequencies for read(); each token with a count gets at least one slot.
     void write(Writer &out, Counts counts) {
         if (std::all_of(counts.begin(), counts.end(), [](auto count) { return !count; }))
             counts[0] = 1;
@@ -102,7 +105,7 @@ class Frequencies {
         set(levels);
     }
 
-    // Bits that the coder needs for these counts.
+    // The size in bits of tokens with these counts.
     double cost(const Counts &counts) const {
         double bits = 0;
         for (unsigned token = 0; token < kMaxTokens; ++token)
@@ -115,10 +118,11 @@ class Frequencies {
     std::uint32_t frequency(unsigned token) const { return intervals_[token] >> 16; }
     unsigned token(std::uint32_t slot) const { return slots_[slot]; }
 
-  private:
+   private:
     static constexpr int kMaxLevel = 49;
 
-    // Quarters of a slot that a token gets beyond its first; level 0 = it does not occur.
+    // The weight by which a token shares the slots beyond the first one of each token. Level 0: the
+    // token does not occur; level 1: the token has only its first slot.
     static std::uint32_t weight(int level) {
         return level < 2 ? 0 : static_cast<std::uint32_t>(4 + (level - 2) % 4) << ((level - 2) / 4);
     }

@@ -1,10 +1,10 @@
-// Adam. Included by kernels.cpp.
+// One step of Adam. Included by kernels.cpp.
 
 void adam(float *value, const float *gradient, float *mean, float *square, std::int64_t n,
           const float *rate, int period, float beta1, float beta2, float correction,
           float epsilon) {
     const FlushDenormals flush;
-    std::int64_t at = 0;  // in the pattern of rates, which is `period` vectors long
+    std::int64_t at = 0;  // position in `rate`, which has `period` vectors and repeats
     const auto step = [&](float *p, const float *g, float *m, float *v, vf lr) {
         const vf gradients = load(g);
         const vf means = load(m) * beta1 + gradients * (1.0f - beta1);

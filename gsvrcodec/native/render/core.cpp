@@ -26,7 +26,7 @@ void render(const RenderCall &call, const float *taus, int frames, int threads, 
             to_samples(pixels, renderer.frame(), rows, out + first * row);
         });
     };
-    // Whole frames side by side when there are enough of them, else bands of one frame.
+    // With enough frames, each thread renders whole frames; else the threads share each frame.
     if (threads > 1 && frames >= threads) {
         std::vector<BorrowedWorkspace> spaces(threads);
         for (const BorrowedWorkspace &space : spaces) FrameRenderer::reserve(call, 1, *space);
@@ -59,7 +59,7 @@ void backward_float(const GopArrays &gop, float tau, Size size, Size coded, int 
     const FrameRenderer renderer(call, tau, threads, *space);
     renderer.backward(false, gradient, [&](int, RowRange rows, const Pixels &pixels) {
         call.kernels.from_float(weights + static_cast<std::size_t>(rows.begin) * size.width * 3,
-                                   renderer.frame(), rows, pixels);
+                                renderer.frame(), rows, pixels);
     });
 }
 
@@ -74,8 +74,8 @@ double squared_error(const GopArrays &gop, float tau, Size size, Size coded, int
     renderer.backward(true, gradient, [&](int index, RowRange rows, const Pixels &pixels) {
         const std::size_t first = static_cast<std::size_t>(rows.begin) * size.width * 3;
         sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + first,
-                                               backdrop ? backdrop + first : nullptr,
-                                               static_cast<float>(2.0 / samples));
+                                            backdrop ? backdrop + first : nullptr,
+                                            static_cast<float>(2.0 / samples));
     });
     double total = 0.0;
     for (int band = 0; band < call.levels[0].bands(); ++band) total += sums[band];
@@ -87,13 +87,13 @@ void adam_step(const Adam &adam, int threads) {
     const Kernels &k = kernels();
     const double scale = 1.0 / (1.0 - std::pow(adam.beta1, static_cast<double>(adam.step)));
     const double correction = 1.0 / (1.0 - std::pow(adam.beta2, static_cast<double>(adam.step)));
-    // The rates repeated until they fill whole vectors.
+    // The rates, repeated until the pattern fills whole vectors.
     const std::int64_t pattern = static_cast<std::int64_t>(adam.period) * k.lanes;
     const BorrowedWorkspace space;
     float *rates = space->lines.reserve(pattern);
     for (std::int64_t i = 0; i < pattern; ++i)
         rates[i] = static_cast<float>(adam.rate[i % adam.period] * scale);
-    // Chunks begin where the pattern does.
+    // A chunk is a whole number of patterns.
     const std::int64_t chunk = std::max<std::int64_t>(kChunk / pattern, 1) * pattern;
     parallel_for(static_cast<int>((adam.n + chunk - 1) / chunk), threads, [&](int job, int) {
         const std::int64_t begin = job * chunk;

@@ -1,4 +1,4 @@
-// Rendering of whole frames, forward and backward, on the pool's threads.
+// Renders whole frames, forward and backward, on the threads of the pool.
 #pragma once
 
 #include <cstdint>
@@ -11,22 +11,24 @@ struct Size {
     int width, height;
 };
 
-// Renders `frames` times of a GOP; `out` is (frames, height, width, 3).
-void render_rgb8(const GopArrays &, const float *taus, int frames, Size size, Size coded, int threads,
-                 std::uint8_t *out);
-void render_float(const GopArrays &, const float *taus, int frames, Size size, Size coded, int threads,
-                  float *out);
+// Render a GOP at the `frames` times of `taus`; `out` is (frames, height, width, 3). `size` is the
+// size to render at; Gaussians have their scales in pixels of the size `coded`.
+void render_rgb8(const GopArrays &, const float *taus, int frames, Size size, Size coded,
+                 int threads, std::uint8_t *out);
+void render_float(const GopArrays &, const float *taus, int frames, Size size, Size coded,
+                  int threads, float *out);
 
-// Gradients of sum(render * weights), weights (height, width, 3), of one frame.
+// Writes the gradients of sum(frame * weights) of one frame; `weights` is (height, width, 3).
 void backward_float(const GopArrays &, float tau, Size size, Size coded, int threads,
                     const float *weights, const GopArrays &gradient);
 
-// Mean squared error of the clamped frame against `target` (height, width, 3) and its gradients,
-// the clamp passed through. `backdrop` (height, width, 3), if not null, is added to the frame.
+// Returns the mean squared error of the frame, clamped to [0, 1], against `target`, and writes the
+// gradients of the error; the gradient of the clamp counts as 1 everywhere. `target` and `backdrop`
+// are (height, width, 3); `backdrop`, if not null, is added to the frame before the clamp.
 double squared_error(const GopArrays &, float tau, Size size, Size coded, int threads,
                      const std::uint8_t *target, const float *backdrop, const GopArrays &gradient);
 
-// The state of Adam over n numbers; `rate` has `period` entries and repeats.
+// The state of Adam for n parameters. The learning rate of parameter i is rate[i % period].
 struct Adam {
     float *value;
     const float *gradient;
@@ -35,7 +37,7 @@ struct Adam {
     const float *rate;
     int period;
     double beta1, beta2, epsilon;
-    std::int64_t step;  // from 1
+    std::int64_t step;  // counts from 1
 };
 
 void adam_step(const Adam &, int threads);

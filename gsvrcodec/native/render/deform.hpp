@@ -1,23 +1,23 @@
-// Deformation at one time and projection to the frame, kLanes Gaussians at a time.
-// Included by kernels.cpp.
+// Deforms kLanes Gaussians at a time to one frame's time and projects them to their pyramid levels
+// (spec sections 8.2 and 8.3). Included by kernels.cpp.
 
-// What projection and its gradient both need of kLanes Gaussians.
+// Values of kLanes Gaussians that both the projection and its gradient need.
 struct Deformed {
     Fields<2> position;
-    vf field[kChannels];   // of the tri-plane
-    vf offset[kChannels];  // the same, as far as the indicator lets it act
+    vf field[kChannels];   // product of the three planes, one value for each channel
+    vf offset[kChannels];  // field * (1 - dynamic indicator)
     vf scale_base[2];      // exp(log_scale)
-    vf scale_sum[2];       // before the minimum is applied
+    vf scale_sum[2];       // scale_base + offset, before the minimum
     vf scale[2];
     vi level;
-    vf unit;               // of the level: 2^-level
-    vi wide[2];            // mask: the variance is above its minimum
-    vf variance[2];        // along the axes, px^2 of the coded frame
+    vf unit;         // 2^-level
+    vi wide[2];      // mask: the variance is above the minimum
+    vf variance[2];  // along the Gaussian's axes, px^2 of the coded frame
     vf amplitude;
-    vi finite;                        // mask: these lanes hold Gaussians, whose scales are finite
-    vf sine, cosine;                  // of twice the angle
-    vf half_difference;               // half the difference of the variances
-    vf gate;                          // 1 - indicator
+    vi finite;                        // mask: the lane holds a Gaussian, and its scales are finite
+    vf sine, cosine;                  // of twice the rotation angle
+    vf half_difference;               // half the difference of the two variances
+    vf gate;                          // 1 - dynamic indicator
     vf sigma_xx, sigma_xy, sigma_yy;  // px^2 of the level
     vf inverse_xx, inverse_xy, inverse_yy;
 };
@@ -34,10 +34,11 @@ static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, i
     for (int k = 0; k < kChannels; ++k) d.offset[k] = d.gate * d.field[k];
     const Fields<2> log_scale = load_fields<2>(gop.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {
-        d.scale_base[k] = exp2(kLog2E * max(min(log_scale.column[k], broadcast(20.0f)), broadcast(-20.0f)));
+        d.scale_base[k] =
+            exp2(kLog2E * max(min(log_scale.column[k], broadcast(20.0f)), broadcast(-20.0f)));
         d.scale_sum[k] = d.scale_base[k] + d.offset[2 + k];
         d.scale[k] = max(d.scale_sum[k], broadcast(kMinScale));
-        // A scale that is not finite must not become the minimum.
+        // max() has turned NaN into the smallest scale, but such a Gaussian must not be drawn.
         d.finite &= is_finite(log_scale.column[k]) & is_finite(d.offset[2 + k]);
     }
     sincos(2.0f * (load_fields<1>(gop.rotation, i, count).column[0] + d.offset[4]), d.sine,
@@ -70,7 +71,8 @@ static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, i
     d.sigma_xx = (mean + d.half_difference * d.cosine) * (zx * zx);
     d.sigma_xy = d.half_difference * d.sine * (zx * zy);
     d.sigma_yy = (mean - d.half_difference * d.cosine) * (zy * zy);
-    // The determinant from the axes: the products of a thin Gaussian's entries would cancel.
+    // The determinant is the product of the variances along the axes. The products of the
+    // covariances of a thin Gaussian would cancel.
     const vf inverse_det = 1.0f / (d.variance[0] * d.variance[1] * (zx * zx * zy * zy));
     d.inverse_xx = d.sigma_yy * inverse_det;
     d.inverse_xy = -d.sigma_xy * inverse_det;
@@ -78,7 +80,7 @@ static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, i
     return d;
 }
 
-// Splats of kLanes Gaussians from i on, the first `count` of them real, to lanes from l on.
+// Projects the Gaussians [i, i + count), count <= kLanes, to the entries of `out` from l on.
 static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i, int count,
                                  Splats &out, int l) {
     const Deformed d = deform(gop, frame, i, count);
@@ -101,8 +103,8 @@ static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i
     const vf slope = d.sigma_xy / d.sigma_xx;
     const vf across = 0.5f * kLog2E / d.sigma_xx, down = 0.5f * kLog2E * d.inverse_yy;
 
-    // Written so that NaN and infinity anywhere make an empty splat; the limits keep every later
-    // sum of squares finite.
+    // These comparisons are false for NaN, so that NaN or infinity in any parameter gives an empty
+    // splat. The limits keep all later sums of squares finite.
     constexpr float kFar = 1e6f;
     vi drawn = d.finite & (reach_x < kFar) & (reach_y < kFar) & (absolute(centre[0]) < kFar) &
                (absolute(centre[1]) < kFar) & (absolute(slope) < kFar) & (across < kFar * kFar) &
@@ -148,8 +150,7 @@ void project(const GopArrays &gop, const Frame &frame, int begin, int end, Splat
             if (!(layers >> layer & 1)) continue;
             int first = frame.height, last = 0;
             for (int l = 0; l < kBlock; ++l) {
-                const bool drawn =
-                    (out.row_begin[l] < out.row_end[l]) & (out.layer[l] == layer);
+                const bool drawn = (out.row_begin[l] < out.row_end[l]) & (out.layer[l] == layer);
                 first = drawn ? min(first, out.row_begin[l]) : first;
                 last = drawn ? max(last, out.row_end[l]) : last;
             }

@@ -1,6 +1,8 @@
-// Gradients of the parameters of kLanes Gaussians from their moments. Included by kernels.cpp.
+// Computes the gradients of the parameters of kLanes Gaussians from the moments of their splats.
+// Included by kernels.cpp.
 
-// Writes the gradients of Gaussians [i, i + count); those of splats that are not `drawn` are zero.
+// Writes the gradients of the Gaussians [i, i + count). `drawn` is a mask: the gradients of the
+// other lanes are zero.
 static inline void deform_backward(const GopArrays &gop, const Frame &frame, const Moments *moments,
                                    vi drawn, int i, int count, const GopArrays &gradient, float *xy,
                                    float *xt_line, float *yt_line) {
@@ -10,14 +12,15 @@ static inline void deform_backward(const GopArrays &gop, const Frame &frame, con
     const vf mx = moment[3], my = moment[4], mxx = moment[5], mxy = moment[6], myy = moment[7];
     vf offset[kChannels];
 
-    // Centre: px to normalised units, then along the motion.
+    // The centre, from pixels to normalised units, and the polynomial motion.
     const float tau = frame.tau;
     const vf gcentre[2] = {d.inverse_xx * mx + d.inverse_xy * my,
                            d.inverse_xy * mx + d.inverse_yy * my};
     Fields<2> position, linear, quadratic;
     for (int k = 0; k < 2; ++k) {
-        const vf g = where(drawn, gcentre[k] * (d.unit * (0.5f * static_cast<float>(
-                                                               k ? frame.height : frame.width))));
+        const vf g = where(
+            drawn,
+            gcentre[k] * (d.unit * (0.5f * static_cast<float>(k ? frame.height : frame.width))));
         position.column[k] = g;
         linear.column[k] = g * tau;
         quadratic.column[k] = g * (tau * tau);
@@ -26,31 +29,34 @@ static inline void deform_backward(const GopArrays &gop, const Frame &frame, con
     store_fields<2>(gradient.linear, i, count, linear);
     store_fields<2>(gradient.quadratic, i, count, quadratic);
     const Fields<3> colour = load_fields<3>(gop.colour, i, count);
-    vf log_amplitude_gradient{};  // gradient of the amplitude's logarithm
+    vf log_amplitude_gradient{};  // with respect to the logarithm of the amplitude
     for (int k = 0; k < 3; ++k) {
         offset[5 + k] = where(drawn, d.amplitude * moment[k]);
         log_amplitude_gradient += offset[5 + k] * (colour.column[k] + d.offset[5 + k]);
     }
     store_fields<3>(gradient.colour, i, count, {{offset[5], offset[6], offset[7]}});
 
-    // Covariance, along its own axes (no cancellation when it is thin): the second moments m in
-    // pixels of the coded frame give the gradient m_ij / (2 lambda_i lambda_j).
-    const vf zx =
-        static_cast<float>(frame.coded_width) / static_cast<float>(frame.width) / d.unit;
+    // The covariance, in the coordinate system of its axes, where thin Gaussians lose no precision.
+    // With the second moments m, in pixels of the coded frame, and the variances lambda, the
+    // gradient is m_ij / (2 lambda_i lambda_j).
+    const vf zx = static_cast<float>(frame.coded_width) / static_cast<float>(frame.width) / d.unit;
     const vf zy =
         static_cast<float>(frame.coded_height) / static_cast<float>(frame.height) / d.unit;
     const vf cxx = mxx * (zx * zx), cxy = mxy * (zx * zy), cyy = myy * (zy * zy);
     const vf half = 0.5f * (cxx - cyy);
     const vf moment_along = half * d.cosine + cxy * d.sine;
     const vf moment_across = cxy * d.cosine - half * d.sine;
-    offset[4] = where(drawn, 2.0f * d.half_difference * moment_across / (d.variance[0] * d.variance[1]));
+    offset[4] =
+        where(drawn, 2.0f * d.half_difference * moment_across / (d.variance[0] * d.variance[1]));
     store_fields<1>(gradient.rotation, i, count, {{offset[4]}});
     Fields<2> log_scale;
     for (int k = 0; k < 2; ++k) {
         const vf second_moment = 0.5f * (cxx + cyy) + (k ? -moment_along : moment_along);
         const vf inverse = 1.0f / d.variance[k];
-        const vf of_variance = where(d.wide[k], inverse * (second_moment * inverse - log_amplitude_gradient));
-        const vf of_square = of_variance + log_amplitude_gradient / (d.scale[k] * d.scale[k] + kDilation);
+        const vf of_variance =
+            where(d.wide[k], inverse * (second_moment * inverse - log_amplitude_gradient));
+        const vf of_square =
+            of_variance + log_amplitude_gradient / (d.scale[k] * d.scale[k] + kDilation);
         offset[2 + k] = where(drawn & (d.scale_sum[k] >= kMinScale), d.scale[k] * of_square);
         log_scale.column[k] = where(drawn, offset[2 + k] * d.scale_base[k]);
     }

@@ -7,14 +7,15 @@
 namespace gsvr {
 namespace {
 
-constexpr int kProjectBlocks = 128;  // blocks a job
-// What stands still is kept when it is this part of all areas: to copy it costs time as well.
+constexpr int kProjectBlocks = 128;  // blocks of Gaussians that a job projects
+// The static splats are kept as pictures if their bounding boxes have at least this share of the
+// area of all bounding boxes. Below it, the copies of the pictures cost more than rasterisation.
 constexpr double kLeastStaticShare = 0.15;
-// The backward pass sums plane gradients in this many groups of blocks, whatever the number of
-// threads, so that results do not depend on it.
+// The backward pass sums the gradients of the tri-plane in this many groups of blocks. The number
+// is fixed, so that the order of the sums does not depend on the number of threads.
 constexpr int kGradientGroups = 16;
 
-// Where a time lies in a grid's gt slices: the nearer two and the weight of the second.
+// The two of a grid's gt time slices that a time lies between, and the weight of the later slice.
 struct TimeSlices {
     int low, high;
     float weight;
@@ -22,20 +23,20 @@ struct TimeSlices {
 
 TimeSlices time_slices(float tau, int gt) {
     const float last = static_cast<float>(gt - 1);
-    // Comparisons in this order send NaN to the first slice.
+    // With the operands in this order, NaN becomes the first slice.
     const float t = std::min(std::max(0.0f, (tau + 1.0f) * 0.5f * last), last);
     const int low = static_cast<int>(t);
     return {low, std::min(low + 1, gt - 1), t - static_cast<float>(low)};
 }
 
-// The slice of a (gt, cells, 8) grid at a time.
+// Interpolates a (gt, cells, 8) grid at one time; `line` is (cells, 8).
 void interpolate_slices(const float *grid, int cells, TimeSlices at, float *line) {
     const std::size_t width = static_cast<std::size_t>(cells) * kChannels;
     const float *a = grid + at.low * width, *b = grid + at.high * width;
     for (std::size_t i = 0; i < width; ++i) line[i] = a[i] + (b[i] - a[i]) * at.weight;
 }
 
-// The gradient of a slice to that of the grid.
+// The adjoint: writes the gradient of the (gt, cells, 8) grid from the gradient of the line.
 void scatter_slices(const float *line, int gt, int cells, TimeSlices at, float *grid) {
     const std::size_t width = static_cast<std::size_t>(cells) * kChannels;
     std::memset(grid, 0, gt * width * sizeof(float));
@@ -45,13 +46,14 @@ void scatter_slices(const float *line, int gt, int cells, TimeSlices at, float *
     }
 }
 
-// Floats of the gradients of the xy grid and of the two time slices.
+// Floats of the gradients of the xy grid and of the two interpolated lines.
 std::size_t plane_floats(const GopArrays &gop) {
     return (static_cast<std::size_t>(gop.gx) * gop.gy + gop.gx + gop.gy) * kChannels;
 }
 
-// Adds a line of edges to a row of a picture whose vectors have `lanes` pixels.
-void add_line(const float *line, const PyramidLevel &level, int row, int lanes, const Pixels &pixels) {
+// Adds one row of edge gradients to a row of a picture whose vectors have `lanes` pixels.
+void add_line(const float *line, const PyramidLevel &level, int row, int lanes,
+              const Pixels &pixels) {
     const int rows = std::max(lanes / kStripWidth, 1);
     float *p = pixels.data + static_cast<std::size_t>(row / rows) * rows * kRowFloats +
                row % rows * kStripWidth;
@@ -62,14 +64,15 @@ void add_line(const float *line, const PyramidLevel &level, int row, int lanes, 
                   i] += line[(strip * 3 + c) * kStripWidth + i];
 }
 
-// Floats of the pictures of levels [first, end), one after the other.
+// Floats of the pictures of the levels [first, end).
 std::size_t picture_floats(const RenderCall &call, int first = 1, int end = kLevels) {
     std::size_t floats = 0;
     for (int level = first; level < end; ++level) floats += call.levels[level].floats();
     return floats;
 }
 
-// Floats of the edges that the bands of a level leave: two lines of the next level each.
+// Floats of the edge rows of the levels [0, levels): each band has two rows of the next level, one
+// above the band and one below it.
 std::size_t edge_floats(const RenderCall &call, int levels = kLevels - 1) {
     std::size_t floats = 0;
     for (int level = 0; level < levels; ++level)
@@ -85,10 +88,14 @@ RowRange PyramidLevel::band(int index) const {
 }
 
 RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool separate_static_)
-    : gop(gop_), size(size_), coded(coded_), kernels(gsvr::kernels()), separate_static(separate_static_) {
+    : gop(gop_),
+      size(size_),
+      coded(coded_),
+      kernels(gsvr::kernels()),
+      separate_static(separate_static_) {
     for (int level = 0; level < kLevels; ++level) {
         const int round_up = (1 << level) - 1;
-        // Shorter bands above: there are few of them for the threads to share.
+        // Coarse levels have few rows: shorter bands give each thread some.
         levels[level] = {{(size.width + round_up) >> level, (size.height + round_up) >> level},
                          level ? kernels.band_rows / 2 : kernels.band_rows};
     }
@@ -103,8 +110,13 @@ void FrameRenderer::reserve(const RenderCall &call, int bands, Workspace &space)
     space.pictures.reserve(picture_floats(call));
 }
 
-FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Workspace &space, const StaticPyramid &static_pyramid)
-    : call_(call), space_(space), threads_(threads), static_pyramid_(static_pyramid), coarsest_(static_pyramid.coarsest) {
+FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Workspace &space,
+                             const StaticPyramid &static_pyramid)
+    : call_(call),
+      space_(space),
+      threads_(threads),
+      static_pyramid_(static_pyramid),
+      coarsest_(static_pyramid.coarsest) {
     const GopArrays &gop = call.gop;
     const double zoom = std::min(static_cast<double>(call.size.width) / call.coded.width,
                                  static_cast<double>(call.size.height) / call.coded.height);
@@ -132,7 +144,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
     parallel_for((count + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
         const int begin = job * kProjectBlocks;
         call.kernels.project(gop, frame_, begin, std::min(begin + kProjectBlocks, count),
-                                space.splats.get(), space.rows.get());
+                             space.splats.get(), space.rows.get());
     });
     for (int layer = 0; layer < kLayers; ++layer) {
         const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(layer) * blocks(gop);
@@ -141,7 +153,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
         while (begin < end && empty(begin)) ++begin;
         while (begin < end && empty(end - 1)) --end;
         const int level = layer % kLevels;
-        layers_[layer] = {space.splats.get(),           rows, layer, begin, end,
+        layers_[layer] = {space.splats.get(),          rows, layer, begin, end,
                           call.levels[level].band_rows};
         if (begin < end) coarsest_ = std::max(coarsest_, level);
     }
@@ -153,13 +165,13 @@ StaticPyramid FrameRenderer::draw_static_pyramid() const {
     const int count = blocks(call_.gop);
     for (int block = 0; block < count; ++block) {
         const Splats &s = space_.splats.get()[block];
-        for (int lane = 0; lane < kBlock; ++lane) {
-            if (s.layer[lane] < kLevels) drawn.dynamic_blocks = block + 1;
-            if (s.row_begin[lane] >= s.row_end[lane]) continue;
-            const double area = static_cast<double>(s.x_end[lane] - s.x_begin[lane]) *
-                                (s.row_end[lane] - s.row_begin[lane]);
+        for (int splat = 0; splat < kBlock; ++splat) {
+            if (s.layer[splat] < kLevels) drawn.dynamic_blocks = block + 1;
+            if (s.row_begin[splat] >= s.row_end[splat]) continue;
+            const double area = static_cast<double>(s.x_end[splat] - s.x_begin[splat]) *
+                                (s.row_end[splat] - s.row_begin[splat]);
             area_sum += area;
-            if (s.layer[lane] >= kLevels) static_area += area;
+            if (s.layer[splat] >= kLevels) static_area += area;
         }
     }
     if (static_area <= kLeastStaticShare * area_sum) return drawn;
@@ -168,7 +180,7 @@ StaticPyramid FrameRenderer::draw_static_pyramid() const {
         if (!layers_[kLevels + level].empty()) drawn.coarsest = level;
         const PyramidLevel &own = call_.levels[level];
         parallel_for(own.bands(), threads_, [&](int index, int) {
-            begin_band(level, own.band(index), level_pixels(pictures, 0, level));
+            set_static_band(level, own.band(index), level_pixels(pictures, 0, level));
         });
     }
     drawn.pictures = pictures;
@@ -180,13 +192,17 @@ Pixels FrameRenderer::level_pixels(float *pictures, int first, int level) const 
     return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows};
 }
 
-Pixels FrameRenderer::picture(int level) const { return level_pixels(space_.pictures.get(), 1, level); }
+Pixels FrameRenderer::picture(int level) const {
+    return level_pixels(space_.pictures.get(), 1, level);
+}
 
 Pixels FrameRenderer::picture_gradient(int level) const {
     return level_pixels(space_.picture_gradients.get(), 1, level);
 }
 
-float *FrameRenderer::edges(int level) const { return space_.edges.get() + edge_floats(call_, level); }
+float *FrameRenderer::edges(int level) const {
+    return space_.edges.get() + edge_floats(call_, level);
+}
 
 void FrameRenderer::render_levels() const {
     for (int level = coarsest_; level > 0; --level) {
@@ -197,7 +213,7 @@ void FrameRenderer::render_levels() const {
     }
 }
 
-void FrameRenderer::begin_band(int level, RowRange rows, const Pixels &pixels) const {
+void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixels) const {
     const PyramidLevel &own = call_.levels[level];
     const std::size_t bytes = sizeof(float) * kRowFloats * own.band_rows;
     const auto strip_of = [&](const Pixels &of, int strip) {
@@ -217,13 +233,14 @@ void FrameRenderer::begin_band(int level, RowRange rows, const Pixels &pixels) c
 
 void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixels) const {
     const PyramidLevel &own = call_.levels[level];
-    // A picture that is to be set need not be cleared.
-    const bool add = level == coarsest_ || static_pyramid_.pictures || !layers_[kLevels + level].empty();
-    if (add) begin_band(level, rows, pixels);
+    // Where upsampling overwrites the band, the band need not be cleared first.
+    const bool add =
+        level == coarsest_ || static_pyramid_.pictures || !layers_[kLevels + level].empty();
+    if (add) set_static_band(level, rows, pixels);
     if (level < coarsest_) {
-        const Size above = call_.levels[level + 1].size;
-        call_.kernels.upsample(picture(level + 1), above.width, above.height, pixels,
-                                  own.size.width, rows, add);
+        const Size coarser = call_.levels[level + 1].size;
+        call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels,
+                               own.size.width, rows, add);
     }
     call_.kernels.rasterise(layers_[level], rows, pixels);
 }
@@ -231,22 +248,22 @@ void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixel
 void FrameRenderer::backward_band(int level, RowRange rows, const Pixels &pixels) const {
     call_.kernels.gather_moments(layers_[level], rows, pixels, space_.moments.get());
     if (level == coarsest_) return;
-    const PyramidLevel &own = call_.levels[level], &above = call_.levels[level + 1];
-    call_.kernels.downsample(
-        pixels, own.size.width, own.size.height, rows, picture_gradient(level + 1),
-        above.size.width, edges(level) + rows.begin / own.band_rows * 2 * above.line_floats());
+    const PyramidLevel &own = call_.levels[level], &coarser = call_.levels[level + 1];
+    call_.kernels.downsample(pixels, own.size.width, own.size.height, rows,
+                             picture_gradient(level + 1), coarser.size.width,
+                             edges(level) + rows.begin / own.band_rows * 2 * coarser.line_floats());
 }
 
 void FrameRenderer::backward_levels() const {
     for (int level = 1; level <= coarsest_; ++level) {
-        const PyramidLevel &own = call_.levels[level], &below = call_.levels[level - 1];
+        const PyramidLevel &own = call_.levels[level], &finer = call_.levels[level - 1];
         const Pixels pixels = picture_gradient(level);
-        for (int index = 0; index < below.bands(); ++index) {
-            const RowRange band = below.band(index);
+        for (int index = 0; index < finer.bands(); ++index) {
+            const RowRange band = finer.band(index);
             const float *lines = edges(level - 1) + 2 * index * own.line_floats();
             const int lanes = call_.kernels.lanes;
             if (index) add_line(lines, own, band.begin / 2 - 1, lanes, pixels);
-            if (index + 1 < below.bands())
+            if (index + 1 < finer.bands())
                 add_line(lines + own.line_floats(), own, band.end / 2, lanes, pixels);
         }
         parallel_for(own.bands(), threads_,
@@ -279,8 +296,8 @@ void FrameRenderer::backward_deformation(const GopArrays &gradient) const {
         float *own = sums + job * group;
         if (group) std::memset(own, 0, group * sizeof(float));
         call_.kernels.backward(gop, frame_, layers_, space_.moments.get(),
-                                  std::min(job * size, count), std::min(job * size + size, count),
-                                  gradient, own, own + xy, own + xy + xt);
+                               std::min(job * size, count), std::min(job * size + size, count),
+                               gradient, own, own + xy, own + xy + xt);
     });
     if (gop.gx == 0) return;
     for (int job = 1; job < kGradientGroups; ++job)

@@ -1,4 +1,5 @@
-// A frame of a gop made ready for rendering: time slices, splats, and the levels they are on.
+// Renders one frame of a GOP, forward or backward: projects the Gaussians to splats, rasterises the
+// splats on the pyramid levels, and adds up the levels.
 #pragma once
 
 #include "core.hpp"
@@ -8,7 +9,7 @@
 
 namespace gsvr {
 
-// A level of the pyramid, cut into bands that are rasterised one by one.
+// A pyramid level. A band is a number of consecutive rows that one thread rasterises at once.
 struct PyramidLevel {
     Size size;
     int band_rows;
@@ -16,15 +17,16 @@ struct PyramidLevel {
     int bands() const { return (size.height + band_rows - 1) / band_rows; }
     RowRange band(int index) const;
     int strips() const { return (size.width + kStripWidth - 1) / kStripWidth; }
-    // Floats of a line, of one band and of the whole picture.
+    // Floats of one row of pixels, of one band and of the whole picture.
     std::size_t line_floats() const { return static_cast<std::size_t>(strips()) * kRowFloats; }
     std::size_t band_floats() const { return line_floats() * band_rows; }
     std::size_t floats() const { return band_floats() * bands(); }
 };
 
-// What does not change from frame to frame of one call.
+// The inputs that all frames of one call share.
 struct RenderCall {
-    // apart: what stands still is drawn before what moves, so that it can be kept.
+    // separate_static: static splats are rasterised before the dynamic ones, so that several frames
+    // can share the picture of the static splats.
     RenderCall(const GopArrays &, Size size, Size coded, bool separate_static);
 
     const GopArrays &gop;
@@ -34,27 +36,30 @@ struct RenderCall {
     PyramidLevel levels[kLevels];
 };
 
-// What stands still, drawn once for all frames: a picture of each level, of those splats alone.
+// The static splats of a GOP, rasterised once for all frames: one picture for each pyramid level.
 struct StaticPyramid {
-    const float *pictures;  // null: there is none, or too little to be worth it
-    int dynamic_blocks;             // those before this one hold all that moves
-    int coarsest;                // the highest level with splats, still or not
+    const float *pictures;  // of all levels, finest first; null: static splats are drawn per frame
+    int dynamic_blocks;     // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
+    int coarsest;           // the coarsest level with static splats; 0 without pictures
 };
 
 class FrameRenderer {
    public:
-    // Memory that frames of a call need when `bands` threads rasterise one at once.
+    // Reserves the memory that a frame needs when `bands` threads rasterise bands at the same time.
     static void reserve(const RenderCall &, int bands, Workspace &);
 
-    // Projects a frame, all of it or what is not in `still`. The workspace must have been reserved.
-    FrameRenderer(const RenderCall &, float tau, int threads, Workspace &, const StaticPyramid &static_pyramid = {});
+    // Projects the Gaussians at time `tau`; only the dynamic blocks if `static_pyramid` has
+    // pictures. The workspace must have been reserved.
+    FrameRenderer(const RenderCall &, float tau, int threads, Workspace &,
+                  const StaticPyramid &static_pyramid = {});
 
     const Frame &frame() const { return frame_; }
 
-    // Draws what stands still, if that is a good part of the frame, and keeps it in the workspace.
+    // Rasterises the static splats of all levels into the workspace. The result has no pictures if
+    // the static splats cover too little of the frame to save time.
     StaticPyramid draw_static_pyramid() const;
 
-    // Rasterises band after band and hands each to done(index, rows, pixels).
+    // Rasterises the bands of the frame, in any order. Calls done(index, rows, pixels) for each.
     template <class Done>
     void render(Done done) const {
         render_levels();
@@ -64,8 +69,9 @@ class FrameRenderer {
         });
     }
 
-    // Gradients of all parameters. fill(index, rows, pixels) leaves the gradient of a band's pixels
-    // in `pixels`, zero beyond the frame; render_first: it finds the band rasterised there.
+    // Writes the gradients of all parameters. For each band, fill(index, rows, pixels) writes the
+    // gradient of the pixels to `pixels`, with zeros beyond the frame. render_first: `pixels` holds
+    // the rasterised band when `fill` is called.
     template <class Fill>
     void backward(bool render_first, const GopArrays &gradient, Fill fill) const {
         reserve_backward();
@@ -90,20 +96,21 @@ class FrameRenderer {
                         frame.band_rows});
         });
     }
-    // The whole picture of a level above 0, or its gradient.
+    // The whole picture of a level above 0, and the gradient of that picture.
     Pixels picture(int level) const;
     Pixels picture_gradient(int level) const;
-    // What the bands of a level leave for the next one's rows beside theirs.
+    // Gradients of the next coarser level: of the rows just above and just below each band of
+    // `level`. They are added to the picture later, so that no two threads write the same row.
     float *edges(int level) const;
     void render_levels() const;
     void backward_levels() const;
-    // Pixels of a whole level in a buffer that holds levels from `first` on.
+    // The pixels of a whole level in a buffer that holds the levels from `first` on.
     Pixels level_pixels(float *pictures, int first, int level) const;
-    // Sets a band of a level to what stands still.
-    void begin_band(int level, RowRange rows, const Pixels &) const;
-    // A band of a level, on top of the levels above it.
+    // Sets a band of a level to the picture of its static splats.
+    void set_static_band(int level, RowRange rows, const Pixels &) const;
+    // Sets a band of a level to the sum of its splats and of the coarser levels.
     void rasterise_band(int level, RowRange rows, const Pixels &) const;
-    // Moments of a band's splats, and the next level's gradient.
+    // From the gradient of a band: moments of its splats, and gradient of the next coarser level.
     void backward_band(int level, RowRange rows, const Pixels &) const;
     void reserve_backward() const;
     void backward_deformation(const GopArrays &gradient) const;
@@ -114,7 +121,7 @@ class FrameRenderer {
     Frame frame_;
     const StaticPyramid static_pyramid_;
     SplatLayer layers_[kLayers];
-    int coarsest_;  // the highest level with splats
+    int coarsest_;  // the coarsest level with any splat
 };
 
 }  // namespace gsvr

@@ -1,4 +1,4 @@
-// Which instruction set's kernels are in use.
+// The choice of the instruction set whose kernels are in use.
 #pragma once
 
 #include <string>
@@ -8,11 +8,12 @@
 
 namespace gsvr {
 
-// The sets this machine can run, best first.
+// The instruction sets that this machine supports, fastest first.
 std::vector<std::string> usable_isas();
 
-// The kernels in use: at first the best, or what GSVR_ISA names; else what use_isa() named last.
-// Both throw std::runtime_error when the name is unknown or the set not to be had here.
+// The kernels in use: those of the instruction set of the last use_isa() or, before any use_isa(),
+// of the environment variable GSVR_ISA or else of the fastest set. Both functions throw
+// std::runtime_error if the name is unknown or this machine does not support the set.
 const Kernels &kernels();
 void use_isa(const std::string &name);
 

@@ -1,5 +1,6 @@
 // The kernels of one instruction set (GSVR_ISA, GSVR_LANES): deformation and projection,
-// rasterisation, and their gradients. No function of the C++ library is called here, see simd.hpp.
+// rasterisation, and their gradients. The kernels call no function of the C++ library: simd.hpp
+// says why.
 #include "kernels.hpp"
 
 #include <cstddef>
@@ -34,9 +35,10 @@ namespace {
 
 extern const Kernels GSVR_JOIN(kKernels_, GSVR_ISA);
 const Kernels GSVR_JOIN(kKernels_, GSVR_ISA) = {
-    GSVR_NAME(GSVR_ISA), GSVR_LANES,        GSVR_ISA::kBandRows, GSVR_ISA::project,
-    GSVR_ISA::rasterise, GSVR_ISA::upsample, GSVR_ISA::downsample, GSVR_ISA::to_rgb8, GSVR_ISA::to_float,
-    GSVR_ISA::from_float, GSVR_ISA::residual,  GSVR_ISA::gather_moments,  GSVR_ISA::backward,  GSVR_ISA::adam,
+    GSVR_NAME(GSVR_ISA), GSVR_LANES,           GSVR_ISA::kBandRows,  GSVR_ISA::project,
+    GSVR_ISA::rasterise, GSVR_ISA::upsample,   GSVR_ISA::downsample, GSVR_ISA::to_rgb8,
+    GSVR_ISA::to_float,  GSVR_ISA::from_float, GSVR_ISA::residual,   GSVR_ISA::gather_moments,
+    GSVR_ISA::backward,  GSVR_ISA::adam,
 };
 
 }  // namespace gsvr

@@ -1,15 +1,16 @@
-// The tri-plane's offsets of kLanes Gaussians, and their gradient. Included by kernels.cpp.
+// Looks up the tri-plane at the positions of kLanes Gaussians, and the gradient of the lookup.
+// Included by kernels.cpp.
 
-// Where a coordinate reads a line of cells: the nearer two and their weights.
+// The two neighbouring cells of a line of cells that a coordinate lies between, and their weights.
 struct Cells {
     vi low, high;
     vf low_weight, high_weight;
-    vi inside;  // mask: not clamped to the border, the lookup moves with the position
+    vi inside;  // mask: the coordinate was not clamped, so the gradient of the position is not zero
 };
 
 static inline Cells cells(vf position, int size) {
     const vf u = (position + 1.0f) * (0.5f * static_cast<float>(size - 1));
-    // max() first sends NaN to the border.
+    // max() comes first: it turns NaN into 0.
     const vf clamped = min(max(u, vf{}), broadcast(static_cast<float>(size - 1)));
     Cells c;
     c.low = truncate(clamped);
@@ -20,9 +21,9 @@ static inline Cells cells(vf position, int size) {
     return c;
 }
 
-// Lookups of kLanes Gaussians: offsets in floats into the grids, weights of the cells.
+// The cells of kLanes Gaussians, as indices of floats in the grids, and the weights of the cells.
 struct alignas(64) Lookup {
-    int xy[4][kLanes];  // top left, top right, bottom left, bottom right
+    int xy[4][kLanes];  // cells top left, top right, bottom left, bottom right
     int x[2][kLanes], y[2][kLanes];
     float xy_weight[4][kLanes], x_weight[2][kLanes], y_weight[2][kLanes];
     vi x_inside, y_inside;
@@ -47,7 +48,7 @@ static inline void find(const GopArrays &gop, const Fields<2> &position, Lookup 
     at.y_inside = y.inside;
 }
 
-// The three factors of the offsets of one Gaussian, for eight channels at once.
+// The values of the three planes for one Gaussian, all eight channels; the field is their product.
 struct Factors {
     v8 xy, xt, yt;
 };
@@ -75,8 +76,8 @@ static inline void lookup(const GopArrays &gop, const Frame &frame, const Fields
     to_columns(rows, offset);
 }
 
-// Adds the gradients of the offsets to the grids and to the positions' gradient. Lanes beyond
-// `count` must have a zero gradient.
+// Adds the gradient of the looked-up values to the gradients of the grids and of the positions. The
+// gradient of the lanes from `count` on must be zero.
 static inline void lookup_backward(const GopArrays &gop, const Frame &frame,
                                    const Fields<2> &position, int count, const vf *offset_gradient,
                                    float *xy, float *xt_line, float *yt_line,
@@ -98,8 +99,7 @@ static inline void lookup_backward(const GopArrays &gop, const Frame &frame,
             add(xt_line + at.x[k][l], gxt * at.x_weight[k][l]);
             add(yt_line + at.y[k][l], gyt * at.y_weight[k][l]);
         }
-        const v8 top_left = load8(gop.xy + at.xy[0][l]),
-                 top_right = load8(gop.xy + at.xy[1][l]);
+        const v8 top_left = load8(gop.xy + at.xy[0][l]), top_right = load8(gop.xy + at.xy[1][l]);
         const v8 left = load8(gop.xy + at.xy[2][l]), right = load8(gop.xy + at.xy[3][l]);
         const v8 along_x =
             (top_right - top_left) * at.y_weight[0][l] + (right - left) * at.y_weight[1][l];

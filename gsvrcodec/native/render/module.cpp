@@ -1,4 +1,4 @@
-// The Python face of the core. Arrays come in as NumPy or torch CPU tensors, without a copy.
+// The Python module _core. Arrays are NumPy arrays or torch tensors on the CPU, never copied.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/map.h>
@@ -30,13 +30,14 @@ bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
     return true;
 }
 
-// Keeps the ten arrays of a GOP, or of its gradients, alive and checked.
+// Checks the ten arrays of a GOP, or of its gradients, and keeps them alive.
 struct Parameters {
     Floats position, log_scale, rotation, colour, indicator, linear, quadratic, xy, xt, yt;
     gsvr::GopArrays arrays{};
 
-    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_, Floats indicator_,
-               Floats linear_, Floats quadratic_, Floats xy_, Floats xt_, Floats yt_)
+    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_,
+               Floats indicator_, Floats linear_, Floats quadratic_, Floats xy_, Floats xt_,
+               Floats yt_)
         : position(position_),
           log_scale(log_scale_),
           rotation(rotation_),
@@ -66,19 +67,19 @@ struct Parameters {
         require(has_shape(xt, {gt, gx, gsvr::kChannels}), "xt must have shape (Gt, Gx, 8)");
         require(has_shape(yt, {gt, gy, gsvr::kChannels}), "yt must have shape (Gt, Gy, 8)");
         arrays = {position.data(),
-                 log_scale.data(),
-                 rotation.data(),
-                 colour.data(),
-                 indicator.data(),
-                 linear.data(),
-                 quadratic.data(),
-                 xy.data(),
-                 xt.data(),
-                 yt.data(),
-                 static_cast<int>(n),
-                 static_cast<int>(gx),
-                 static_cast<int>(gy),
-                 static_cast<int>(gt)};
+                  log_scale.data(),
+                  rotation.data(),
+                  colour.data(),
+                  indicator.data(),
+                  linear.data(),
+                  quadratic.data(),
+                  xy.data(),
+                  xt.data(),
+                  yt.data(),
+                  static_cast<int>(n),
+                  static_cast<int>(gx),
+                  static_cast<int>(gy),
+                  static_cast<int>(gt)};
     }
 
     bool same_shape(const Parameters &other) const {
@@ -110,7 +111,8 @@ void render(const Parameters &parameters, Times taus, Images<T> out, int coded_w
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
     if constexpr (std::is_same_v<T, float>)
-        gsvr::render_float(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
+        gsvr::render_float(parameters.arrays, taus.data(), frames, size, coded, threads,
+                           out.data());
     else
         gsvr::render_rgb8(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
 }
@@ -132,8 +134,8 @@ double squared_error(const Parameters &parameters, float tau, Image<const std::u
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
     const auto size = checked(target.shape(1), target.shape(0));
     const auto coded = checked(coded_width, coded_height);
-    require(!backdrop || (backdrop->shape(0) == target.shape(0) &&
-                          backdrop->shape(1) == target.shape(1)),
+    require(!backdrop ||
+                (backdrop->shape(0) == target.shape(0) && backdrop->shape(1) == target.shape(1)),
             "the backdrop must have the target's shape");
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
@@ -158,20 +160,16 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
 
 // By the names of gsvrcodec/arrays/reconstruction.py.
 std::map<std::string, double> constants() {
-    return {{"MIN_SCALE", gsvr::kMinScale},
-            {"DILATION", gsvr::kDilation},
-            {"CUTOFF", gsvr::kCutoff},
-            {"ANTIALIAS", gsvr::kAntialias},
-            {"LEVELS", gsvr::kLevels},
-            {"LEVEL_SCALE", gsvr::kLevelScale},
-            {"UPSAMPLING", gsvr::kUpsampling},
-            {"MIN_VARIANCE", gsvr::kMinVariance}};
+    return {{"MIN_SCALE", gsvr::kMinScale},    {"DILATION", gsvr::kDilation},
+            {"CUTOFF", gsvr::kCutoff},         {"ANTIALIAS", gsvr::kAntialias},
+            {"LEVELS", gsvr::kLevels},         {"LEVEL_SCALE", gsvr::kLevelScale},
+            {"UPSAMPLING", gsvr::kUpsampling}, {"MIN_VARIANCE", gsvr::kMinVariance}};
 }
 
 }  // namespace
 
 NB_MODULE(_core, m) {
-    // Written to, or kept: a converted copy would be lost.
+    // For arrays that are written or kept: nanobind must not pass a converted copy.
     const auto exact = [](const char *name) { return nb::arg(name).noconvert(); };
     m.doc() = "Native kernels: deformation, rasterisation and their gradients (spec/gsvr.md).";
     m.def("isa", [] { return std::string(gsvr::kernels().isa); });
@@ -187,8 +185,8 @@ NB_MODULE(_core, m) {
              exact("yt"));
     m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, exact("out"),
           "coded_width"_a, "coded_height"_a, "threads"_a);
-    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"),
-          "coded_width"_a, "coded_height"_a, "threads"_a);
+    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
+          "coded_height"_a, "threads"_a);
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "gradient"_a, "threads"_a);
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,

@@ -16,13 +16,13 @@ namespace gsvr {
 namespace {
 
 constexpr int kMaxThreads = 256;
-// Kernels come in bursts a few microseconds apart: a worker looks for the next one this long
-// before it sleeps.
+// The calls of one frame follow each other within microseconds. A worker polls for the next call
+// for this long before it sleeps.
 constexpr auto kSpin = std::chrono::microseconds(60);
 
 class Pool {
    public:
-    bool try_run(int count, int threads, JobFunction jobs) {
+    bool try_run(int count, int threads, JobFunction function) {
         std::unique_lock<std::mutex> owner(owner_, std::try_to_lock);
         if (!owner.owns_lock()) return false;
         while (static_cast<int>(workers_.size()) < threads - 1)
@@ -30,18 +30,19 @@ class Pool {
         const int wanted = std::min(threads, count) - 1;
         {
             std::lock_guard<std::mutex> lock(mutex_);
-            jobs_ = jobs;
+            function_ = function;
             count_ = count;
             next_ = 0;
             joined_ = 0;
             places_ = wanted;
             ++generation_;
         }
-        // Not all: more than the machine has cores may be left from a call that asked for them.
+        // Wakes no more workers than this call wants: earlier calls may have created more.
         for (int woken = 0; woken < wanted; ++woken) wake_.notify_one();
         take_jobs(0);
         {
-            // A worker that has not come yet is not waited for: the machine may be busy.
+            // All jobs are taken. Workers that have not joined yet, on a busy machine, are not
+            // waited for and must not join any more.
             std::lock_guard<std::mutex> lock(mutex_);
             places_ = joined_;
         }
@@ -51,14 +52,16 @@ class Pool {
 
    private:
     void take_jobs(int worker) {
-        for (int job; (job = next_.fetch_add(1)) < count_;) jobs_.run(jobs_.context, job, worker);
+        for (int job; (job = next_.fetch_add(1)) < count_;)
+            function_.run(function_.context, job, worker);
     }
 
     void serve(unsigned seen) {
         for (;;) {
             const auto until = std::chrono::steady_clock::now() + kSpin;
             while (generation_.load(std::memory_order_acquire) == seen &&
-                   std::chrono::steady_clock::now() < until) {}
+                   std::chrono::steady_clock::now() < until) {
+            }
             int worker = 0;
             {
                 std::unique_lock<std::mutex> lock(mutex_);
@@ -72,21 +75,21 @@ class Pool {
         }
     }
 
-    std::mutex owner_;  // held by the call that the pool works for
-    std::mutex mutex_;  // of what follows
+    std::mutex owner_;  // held by the call that uses the pool
+    std::mutex mutex_;  // guards the members below
     std::condition_variable wake_;
     std::vector<std::thread> workers_;
-    JobFunction jobs_{};
+    JobFunction function_{};
     int count_ = 0;
-    int joined_ = 0;  // workers that take part in this call
-    int places_ = 0;  // for as many
+    int joined_ = 0;  // workers that have joined the call
+    int places_ = 0;  // workers that may join the call
     std::atomic<int> next_{0};
     std::atomic<int> busy_{0};
     std::atomic<unsigned> generation_{0};
 };
 
-// Never destroyed: its threads may outlive static destruction. Threads do not survive fork(), so a
-// child gets a pool of its own.
+// The pool is never destroyed, since its threads may outlive static destruction. Threads do not
+// survive fork(), so that a child process gets a new pool.
 Pool &pool() {
     static std::mutex mutex;
     static Pool *current = nullptr;
@@ -110,9 +113,9 @@ int resolve_threads(int requested) {
     return std::clamp(requested, 1, kMaxThreads);
 }
 
-void run_jobs(int count, int threads, JobFunction jobs) {
-    if (threads > 1 && count > 1 && pool().try_run(count, threads, jobs)) return;
-    for (int job = 0; job < count; ++job) jobs.run(jobs.context, job, 0);
+void run_jobs(int count, int threads, JobFunction function) {
+    if (threads > 1 && count > 1 && pool().try_run(count, threads, function)) return;
+    for (int job = 0; job < count; ++job) function.run(function.context, job, 0);
 }
 
 }  // namespace gsvr

@@ -1,29 +1,32 @@
-// From one level of the pyramid to the next, and the adjoint. Included by kernels.cpp.
+// Upsamples a pyramid level to the next finer one, and the adjoint. Included by kernels.cpp.
 //
-// Twice the size by bilinear interpolation, pixel centres aligned: a fine pixel is 3/4 of the
-// coarse one that it lies in and 1/4 of that one's neighbour. Strip by strip and down the rows, so
-// that a coarse strip and the two fine ones under it are read and written once.
+// Bilinear interpolation to twice the size. Along each axis, a fine pixel is 3/4 of the coarse
+// pixel that contains it plus 1/4 of the coarse neighbour nearest to it. The loops go strip by
+// strip and from top to bottom, so that each coarse strip and the two fine strips it covers are
+// read and written once.
 
-// The first pixel of a row of a strip.
+// The first pixel of a row of a strip, red.
 static inline float *strip_row(const Pixels &pixels, int strip, int row) {
     const unsigned down = static_cast<unsigned>(row - pixels.first_row);
     return pixels.data + static_cast<std::ptrdiff_t>(strip) * pixels.rows * kRowFloats +
            down / kVectorRows * kStepFloats + down % kVectorRows * kStripWidth;
 }
 
-// From an even row to the next one, and to the next even one.
+// Distances in floats from an even row to the next row and to the next even row.
 constexpr int kOddRow = kVectorRows == 1 ? kStepFloats : kStripWidth;
 constexpr int kEvenRow = kVectorRows == 1 ? 2 * kStepFloats : kStepFloats;
 
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
-// A coarse row of one channel of a strip at twice its width: left and right fine strip.
+// One channel of one coarse row of a strip, upsampled along x: the rows of the two fine strips.
 struct UpsampledRow {
     v8 left, right;
 };
 
-// `own`: of the row; `before`, `after`: the pixel that is next to it on either side.
-static inline UpsampledRow upsampled_row(const float *own, const float *before, const float *after, int last) {
+// `own` is the row, `before` and `after` its neighbours to the left and to the right, and `last`
+// the index of the last pixel of the row that is in the picture.
+static inline UpsampledRow upsampled_row(const float *own, const float *before, const float *after,
+                                         int last) {
     const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
     const v8 a = lane <= last ? load8(own) : own[last] - v8{};
     const v8 down = *before - v8{}, up = *after - v8{};
@@ -36,7 +39,7 @@ static inline UpsampledRow upsampled_row(const float *own, const float *before, 
 
 template <bool Add>
 static inline void upsample_strips(const Pixels &coarse, int coarse_width, int coarse_height,
-                           const Pixels &fine, int fine_width, RowRange rows) {
+                                   const Pixels &fine, int fine_width, RowRange rows) {
     const auto put = [](float *p, v8 v) { store8(p, Add ? load8(p) + v : v); };
     const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
     const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
@@ -84,7 +87,8 @@ void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, i
         upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
 }
 
-// What a row of two fine strips adds to the coarse one above them.
+// The adjoint of upsampling along x: three channels of one row of a coarse strip, from the row of
+// the two fine strips it covers.
 struct DownsampledRow {
     v8 sum[3];
 };
@@ -96,7 +100,9 @@ static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int 
     for (int c = 0; c < 3; ++c, left += kChannelFloats) {
         const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
         const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
-        // The neighbours beyond; at the frame's edge the outermost pixel counts for its own.
+        // The fine pixels just outside the two strips. At the edge of the picture, upsampling
+        // repeats the outermost coarse pixel: the outermost fine pixel takes the place of the
+        // missing one.
         const float before = first ? left[kStripWidth - 1 - next] : left[0];
         const float after = first + 2 < count ? left[2 * next] : 0.0f;
         v8 even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
@@ -119,7 +125,8 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
         const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
         const i8 inside = lane < coarse_width - strip * kStripWidth;
         const auto at = [&](int row) {
-            return row < rows.end ? downsampled_row(fine, fine_width, strip, row) : DownsampledRow{};
+            return row < rows.end ? downsampled_row(fine, fine_width, strip, row)
+                                  : DownsampledRow{};
         };
         const auto put = [&](float *p, int channel_stride, int c, v8 v) {
             store8(p + c * channel_stride, (v8)((i8)v & inside));
@@ -130,7 +137,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
         for (int c = 0; c < 3; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
         if (rows.begin == 0) before = upper;
         for (; 2 * row < rows.end; ++row) {
-            // The last row of the frame counts for the one below it.
+            // Below the picture, upsampling repeats the last row: that row takes the missing place.
             const bool bottom = row == last_row && fine_height % 2 == 0;
             const bool final = 2 * row + 2 >= rows.end;
             const DownsampledRow after = bottom ? lower : at(2 * row + 2);
@@ -138,14 +145,13 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
             for (int c = 0; c < 3; ++c) {
                 put(p, kChannelFloats, c,
                     0.75f * (upper.sum[c] + lower.sum[c]) + 0.25f * (before.sum[c] + after.sum[c]));
-                if (final)
-                    put(edge + count * kRowFloats, kStripWidth, c, 0.25f * lower.sum[c]);
+                if (final) put(edge + count * kRowFloats, kStripWidth, c, 0.25f * lower.sum[c]);
             }
             before = lower;
             upper = after;
             lower = at(2 * row + 3);
         }
-        // Rows that fill the last vector.
+        // The rows below the picture in the last vector.
         for (; row % kVectorRows; ++row)
             for (int c = 0; c < 3; ++c) put(strip_row(coarse, strip, row), kChannelFloats, c, v8{});
     }

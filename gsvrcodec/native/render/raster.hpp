@@ -1,7 +1,9 @@
-// Rasterisation of splats and its gradient. Included by kernels.cpp.
+// Rasterises splats, and the gradient of rasterisation. Included by kernels.cpp.
 
-constexpr int kChannelFloats = kVectorRows * kStripWidth;  // from one channel to the next
-constexpr int kStepFloats = kVectorRows * kRowFloats;      // from one vector of a column to the next
+// Distances in floats: from one channel of a vector to the next, and from one vector of a segment
+// to the next.
+constexpr int kChannelFloats = kVectorRows * kStripWidth;
+constexpr int kStepFloats = kVectorRows * kRowFloats;
 
 static inline float *first_pixel(const Pixels &pixels, const Segments &c, int n) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
@@ -39,8 +41,9 @@ void rasterise(const SplatLayer &layer, RowRange band, Pixels pixels) {
     }
 }
 
-// Adds the sums of the gradient `pixels` over one column, lane by lane, to those of its splat. The
-// moments about its rows are prefix sums of prefix sums: additions alone.
+// Adds the moments of one segment to the moments of its splat; `pixels` is the gradient of the
+// pixels, and the lanes are summed later. Moments along y need no multiplications: they are prefix
+// sums.
 static inline void add_moments(const Splats &s, const Segments &c, int n, const Pixels &pixels,
                                vf *total) {
     const int l = c.splat[n];
@@ -58,10 +61,11 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
         p0 += where(e > kCutoff, e) * (red * dr + green * dg + blue * db);
         p += kStepFloats;
     });
-    // With m vectors below a pixel in its column: p1 sums m, p2 sums m (m - 1) / 2.
+    // A vector with m vectors below it is counted m times in p1 and m (m - 1) / 2 times in p2.
     const int steps = c.steps[n] > 0 ? c.steps[n] : -c.steps[n];
     const vf x = c.dx[n] + kPixelX;
-    const vf last = (static_cast<float>(c.row[n] + (steps - 1) * kVectorRows) + 0.5f - s.cy[l]) + kPixelY;
+    const vf last =
+        (static_cast<float>(c.row[n] + (steps - 1) * kVectorRows) + 0.5f - s.cy[l]) + kPixelY;
     const vf y = last * p0 - kVectorRows * p1;
     total[0] += r;
     total[1] += g;
@@ -70,13 +74,14 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
     total[4] += y;
     total[5] += p0 * x * x;
     total[6] += y * x;
-    total[7] += last * (last * p0 - 2.0f * kVectorRows * p1) + (kVectorRows * kVectorRows) * (2.0f * p2 + p1);
+    total[7] += last * (last * p0 - 2.0f * kVectorRows * p1) +
+                (kVectorRows * kVectorRows) * (2.0f * p2 + p1);
 }
 
-// Adds the moments of the columns at hand, splat by splat, so that each is summed over its lanes
-// once.
+// Adds the moments of the collected segments. They are sorted by splat first, so that the lanes of
+// each splat are summed once.
 static inline void gather_segments(const Splats &s, const Segments &c, const Pixels &pixels,
-                                  Moments *moments) {
+                                   Moments *moments) {
     int first[kBlock], next[Segments::kCapacity];
     for (int &n : first) n = c.count;
     for (int n = c.count - 1; n >= 0; --n) {
@@ -123,8 +128,7 @@ void backward(const GopArrays &gop, const Frame &frame, const SplatLayer (&layer
             const int i = block * kBlock + l, count = min(gop.n - i, kLanes);
             if (count <= 0) break;
             const vi drawn = load(s.row_begin + l) < load(s.row_end + l);
-            deform_backward(gop, frame, total + l, drawn, i, count, gradient, xy, xt_line,
-                            yt_line);
+            deform_backward(gop, frame, total + l, drawn, i, count, gradient, xy, xt_line, yt_line);
         }
     }
 }

@@ -1,9 +1,12 @@
-// Rows of pixels to and from interleaved samples, eight pixels at a time. Included by kernels.cpp.
+// Converts rows of pixels to and from interleaved samples, eight pixels at a time. Included by
+// kernels.cpp.
 
-// Calls body(row, x, samples, red) for each piece of a strip in the rows: `samples` pixels from x
-// on, their red at `red`, green and blue kChannelFloats and 2 * kChannelFloats on.
+// Calls body(row, x, samples, red) for each row of each strip: `samples` pixels from column x on,
+// with their red at `red`, green at red + kChannelFloats and blue at red + 2 * kChannelFloats.
+// `row` counts from rows.begin.
 template <class Body>
-static inline void for_strip_rows(const Pixels &pixels, const Frame &frame, RowRange rows, Body body) {
+static inline void for_strip_rows(const Pixels &pixels, const Frame &frame, RowRange rows,
+                                  Body body) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
     for (int row = rows.begin; row < rows.end; row += kVectorRows) {
         float *step =
@@ -15,7 +18,8 @@ static inline void for_strip_rows(const Pixels &pixels, const Frame &frame, RowR
     }
 }
 
-// Eight pixels of 32 bits each (red lowest, the top byte ignored) to 24 bytes, and back.
+// Converts eight pixels of 32 bits each to 24 bytes, and back. Red is in the lowest byte; the
+// highest byte is ignored.
 #if defined(__SSSE3__)
 static inline void store_rgb(std::uint8_t *out, i8 rgbx) {
     const __m256i v = (__m256i)rgbx;
@@ -50,18 +54,18 @@ static inline i8 load_rgb(const std::uint8_t *in) {
 }
 #endif
 
-static inline i8 code(v8 value) {
+static inline i8 to_codes(v8 value) {
     return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
 }
 
 #if defined(__AVX512F__)
-// The same for the two rows of a vector at once.
+// Converts eight pixels of each of the two rows of a vector.
 static inline void store_rgb_two_rows(std::uint8_t *out, std::ptrdiff_t next, const float *red) {
     const auto codes = [](const float *p) {
         return truncate(min(max(load(p), vf{}), broadcast(1.0f)) * 255.0f + 0.5f);
     };
-    const vf rgbx = (vf)(codes(red) | codes(red + kChannelFloats) << 8 |
-                         codes(red + 2 * kChannelFloats) << 16);
+    const vf rgbx =
+        (vf)(codes(red) | codes(red + kChannelFloats) << 8 | codes(red + 2 * kChannelFloats) << 16);
     store_rgb(out, (i8)low(rgbx));
     store_rgb(out + next, (i8)high(rgbx));
 }
@@ -83,8 +87,8 @@ void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out
     }
 #endif
     for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
-        const i8 rgbx = code(load8(red)) | code(load8(red + kChannelFloats)) << 8 |
-                        code(load8(red + 2 * kChannelFloats)) << 16;
+        const i8 rgbx = to_codes(load8(red)) | to_codes(load8(red + kChannelFloats)) << 8 |
+                        to_codes(load8(red + 2 * kChannelFloats)) << 16;
         std::uint8_t *p = out + row * line + x * 3;
         if (samples == kStripWidth) return store_rgb(p, rgbx);
         std::uint8_t bytes[3 * kStripWidth];
@@ -103,13 +107,14 @@ void to_float(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
 
 void from_float(const float *in, const Frame &frame, RowRange rows, Pixels pixels) {
     const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
-    for_strip_rows(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-        const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
-        if (row >= rows.end - rows.begin) samples = 0;
-        for (int i = 0; i < kStripWidth; ++i)
-            for (int c = 0; c < 3; ++c)
-                red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
-    });
+    for_strip_rows(
+        pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+            const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+            if (row >= rows.end - rows.begin) samples = 0;
+            for (int i = 0; i < kStripWidth; ++i)
+                for (int c = 0; c < 3; ++c)
+                    red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
+        });
 }
 
 double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uint8_t *target,
@@ -117,36 +122,37 @@ double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uin
     double total = 0.0;
     const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
     v8 squares{};
-    for_strip_rows(pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-        const std::ptrdiff_t first = (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
-        const std::uint8_t *p = target + first;
-        if (row >= rows.end - rows.begin) samples = 0;
-        i8 wanted{}, inside{};
-        if (samples == kStripWidth) {
-            wanted = load_rgb(p);
-            inside = ~inside;
-        } else {
-            // What is beyond the frame has no residual.
-            std::uint8_t bytes[3 * kStripWidth] = {};
-            for (int i = 0; i < 3 * samples; ++i) bytes[i] = p[i];
-            for (int i = 0; i < samples; ++i) inside[i] = -1;
-            wanted = load_rgb(bytes);
-        }
-        for (int c = 0; c < 3; ++c, red += kChannelFloats) {
-            const v8 sample =
-                __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
-            v8 value = load8(red);
-            if (backdrop)
-                for (int i = 0; i < samples; ++i) value[i] += backdrop[first + 3 * i + c];
-            const v8 difference = (v8)((i8)(clamped(value) - sample) & inside);
-            store8(red, difference * scale);
-            squares += difference * difference;
-        }
-        // Short sums in single precision.
-        if (x + kStripWidth >= frame.width) {
-            total += static_cast<double>(sum8(squares));
-            squares = v8{};
-        }
-    });
+    for_strip_rows(
+        pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
+            const std::ptrdiff_t first = (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+            const std::uint8_t *p = target + first;
+            if (row >= rows.end - rows.begin) samples = 0;
+            i8 wanted{}, inside{};
+            if (samples == kStripWidth) {
+                wanted = load_rgb(p);
+                inside = ~inside;
+            } else {
+                // Pixels beyond the frame get the residual 0.
+                std::uint8_t bytes[3 * kStripWidth] = {};
+                for (int i = 0; i < 3 * samples; ++i) bytes[i] = p[i];
+                for (int i = 0; i < samples; ++i) inside[i] = -1;
+                wanted = load_rgb(bytes);
+            }
+            for (int c = 0; c < 3; ++c, red += kChannelFloats) {
+                const v8 sample =
+                    __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
+                v8 value = load8(red);
+                if (backdrop)
+                    for (int i = 0; i < samples; ++i) value[i] += backdrop[first + 3 * i + c];
+                const v8 difference = (v8)((i8)(clamped(value) - sample) & inside);
+                store8(red, difference * scale);
+                squares += difference * difference;
+            }
+            // Single precision is exact enough for the sum of one row.
+            if (x + kStripWidth >= frame.width) {
+                total += static_cast<double>(sum8(squares));
+                squares = v8{};
+            }
+        });
     return total;
 }

@@ -1,19 +1,22 @@
-// The columns of a block's splats, kLanes splats at a time. Included by kernels.cpp.
+// Cuts the splats of a block into segments, kLanes splats at a time. Included by kernels.cpp.
 //
-// A column is kVectorColumns neighbouring pixels wide and runs down one band; a vector covers kVectorRows of
-// its rows. Where columns start and end, and their first vectors, are worked out for many of them
-// before any is run: running one ends in a branch that the processor cannot predict, and nothing
-// long should wait behind it.
+// A segment is the part of a splat's ellipse in one band and in kVectorColumns neighbouring pixel
+// columns. A vector covers kVectorColumns x kVectorRows pixels, and a segment is a vertical run of
+// vectors. The loop over the vectors of a segment ends in a branch that the processor mispredicts.
+// So the ends and the first vectors of many segments are computed first, in loops without such
+// branches, and the segments are processed afterwards.
 
 constexpr int kVectorColumns = kLanes < kStripWidth ? kLanes : kStripWidth;
 constexpr int kVectorRows = kLanes / kVectorColumns;
-// Rows of a band: errors of the recurrence grow with the square of its steps.
+// Rows of a band. The rounding error of the recurrence grows with the square of its steps, so a
+// band has a fixed number of vectors.
 constexpr int kBandRows = 32 * kVectorRows;
 
-// The recurrence e(y+1) = e(y) r(y), r(y+1) = r(y) decay cannot start from an e that underflows
-// (thin tilted Gaussians): a column with a larger exponent takes an exponential a row instead.
+// The weights down a column of pixels follow the recurrence e(y+1) = e(y) r(y), r(y+1) = r(y)
+// decay. The recurrence cannot start from an e that underflows, as with thin tilted Gaussians. A
+// segment with an exponent above this limit computes an exponential for each vector instead.
 constexpr float kRecurrenceLimit = 86.0f;
-constexpr float kEnd = kSupport * kLog2E;  // the exponent at a splat's edge
+constexpr float kEnd = kSupport * kLog2E;  // the exponent, to the base 2, at a splat's edge
 
 template <int... Lane>
 constexpr vi lane_index(std::integer_sequence<int, Lane...>) {
@@ -21,8 +24,9 @@ constexpr vi lane_index(std::integer_sequence<int, Lane...>) {
 }
 static constexpr vi kLaneIndex = lane_index(AllLanes{});
 
-// First pixel, and one past the last, whose centre is at or beyond (before) an edge, kept in
-// [0, size]. Near a whole number they may take one pixel too many, never one too few.
+// The range of pixels whose centres lie between two edges, clamped to [0, size]: first_inside gives
+// its begin from the lower edge, end_inside its end from the upper edge. When an edge is within
+// rounding of a pixel's centre, the range may have one pixel too many, but never one too few.
 static inline vi first_inside(vf edge, vf size) {
     return truncate(min(max(edge + (0.9999f - 0.5f), vf{}), size));
 }
@@ -30,19 +34,20 @@ static inline vi end_inside(vf edge, vf size) {
     return truncate(min(max(edge + 0.5f, vf{}), size));
 }
 
-// Segments to run.
+// Segments that are ready to be processed.
 struct alignas(64) Segments {
     static constexpr int kCapacity = 128;
     float dx[kCapacity], u[kCapacity];  // of the first pixel, see Splats
     int x[kCapacity], row[kCapacity];   // of the first pixel; row is a multiple of kVectorRows
-    int steps[kCapacity];               // vectors; negated when the recurrence does not hold
-    int splat[kCapacity];                // of the block
-    vf e[kCapacity], r[kCapacity];      // first values of the recurrence
+    int steps[kCapacity];               // number of vectors, negative if the recurrence is not used
+    int splat[kCapacity];               // of the block
+    vf e[kCapacity], r[kCapacity];      // the recurrence at the first vector
     int count;
 };
 
-// Adds the lanes of `mask`; there must be room for kLanes.
-static inline void append(Segments &c, unsigned mask, vf dx, vf u, vi x, vi row, vi steps, vi lane) {
+// Appends one segment for each lane of `mask`; there must be room for kLanes segments.
+static inline void append(Segments &c, unsigned mask, vf dx, vf u, vi x, vi row, vi steps,
+                          vi lane) {
     const int n = c.count;
     c.count += __builtin_popcount(mask);
 #if defined(__AVX512F__)
@@ -76,7 +81,7 @@ static inline void append(Segments &c, unsigned mask, vf dx, vf u, vi x, vi row,
 #endif
 }
 
-// Offsets of a vector's pixels from its first.
+// The offsets of a vector's pixels from its first pixel.
 template <int... Lane>
 constexpr vf pixel_x(std::integer_sequence<int, Lane...>) {
     return vf{static_cast<float>(Lane % kVectorColumns)...};
@@ -88,27 +93,30 @@ constexpr vf pixel_y(std::integer_sequence<int, Lane...>) {
 static constexpr vf kPixelX = pixel_x(AllLanes{});
 static constexpr vf kPixelY = pixel_y(AllLanes{});
 
+// u (see Splats) of the pixels of a segment's first vector.
 static inline vf segment_u(const Splats &s, const Segments &c, int n) {
     return (c.u[n] + kPixelY) - s.slope[c.splat[n]] * kPixelX;
 }
 
-// Runs the columns gathered so far: run(), then none are left.
-template <class Run>
-static inline void flush(const Splats &s, Segments &c, Run run) {
+// Computes the first vectors of the collected segments, calls process(), and empties the list.
+template <class Process>
+static inline void flush(const Splats &s, Segments &c, Process process) {
     for (int n = 0; n < c.count; ++n) {
         const float down = s.down[c.splat[n]];
         const vf dx = c.dx[n] + kPixelX, u = segment_u(s, c, n);
         c.e[n] = exp2(-(s.across[c.splat[n]] * dx * dx + down * u * u));
         c.r[n] = exp2((-2.0f * kVectorRows * down) * (u + 0.5f * kVectorRows));
     }
-    run();
+    process();
     c.count = 0;
 }
 
-// Calls run() with columns [0, c.count) made ready, again and again until it has had every column
-// of the block's splats of one layer in the rows of a band. Their order depends on nothing else.
-template <class Run>
-static inline void for_segments(const Splats &s, int layer, RowRange band, Segments &c, Run run) {
+// Collects the segments of a block's splats, of one layer and one band, in `c`, and calls process()
+// each time `c` is full and once at the end. The order of the segments depends only on the
+// arguments.
+template <class Process>
+static inline void for_segments(const Splats &s, int layer, RowRange band, Segments &c,
+                                Process process) {
     c.count = 0;
     for (int half = 0; half < kBlock; half += kLanes) {
         const vi begin = max(load(s.row_begin + half), broadcast(band.begin));
@@ -123,9 +131,10 @@ static inline void for_segments(const Splats &s, int layer, RowRange band, Segme
         for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kVectorColumns) {
             const vf first = to_float(x) + 0.5f - cx,
                      last = first + static_cast<float>(kVectorColumns - 1);
-            // The ellipse's lower and upper edge over [first, last] are extreme where its vertical
-            // extremes are, or at the end nearest to them.
-            const vf low_at = min(max(lowest_dx, first), last), high_at = min(max(-lowest_dx, first), last);
+            // Within [first, last], the ellipse reaches its largest y at dx = lowest_dx, or at the
+            // end of the interval nearest to lowest_dx; its smallest y likewise at -lowest_dx.
+            const vf low_at = min(max(lowest_dx, first), last),
+                     high_at = min(max(-lowest_dx, first), last);
             const vf low =
                 cy + slope * low_at + sqrt(max(kEnd - across * low_at * low_at, vf{}) * bend);
             const vf high =
@@ -135,7 +144,7 @@ static inline void for_segments(const Splats &s, int layer, RowRange band, Segme
             const vi bottom = truncate(min(max(low + 0.5f, row_first), row_last));
             const vi active = present & (x < x_end) & (top < bottom);
             const vi steps = (bottom - top + (kVectorRows - 1)) / kVectorRows;
-            // The exponent at the corners of the column.
+            // The exponent at the corners of the segment.
             const vf dy = to_float(top) + 0.5f - cy;
             const vf tall = to_float(steps * kVectorRows - 1);
             const vf u0 = dy - slope * first, u1 = dy - slope * last;
@@ -143,14 +152,15 @@ static inline void for_segments(const Splats &s, int layer, RowRange band, Segme
                 max(max(absolute(u0), absolute(u1)), max(absolute(u0 + tall), absolute(u1 + tall)));
             const vf wide = max(absolute(first), absolute(last));
             const vi holds = across * wide * wide + down * reach * reach < kRecurrenceLimit;
-            if (c.count + kLanes > Segments::kCapacity) flush(s, c, run);
+            if (c.count + kLanes > Segments::kCapacity) flush(s, c, process);
             append(c, bits(active), first, u0, x, top, holds ? steps : -steps, kLaneIndex + half);
         }
     }
-    flush(s, c, run);
+    flush(s, c, process);
 }
 
-// Calls body(e), e the weight before the cut-off, for each vector down a column.
+// Calls body(e) for each vector of a segment from top to bottom; e is the weight before the
+// cut-off.
 template <class Body>
 static inline void for_steps(const Splats &s, const Segments &c, int n, Body body) {
     const int l = c.splat[n];

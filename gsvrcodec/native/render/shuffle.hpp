@@ -1,6 +1,7 @@
-// Segments of interleaved arrays to vectors and back, transposes and sums across lanes. Included by
+// Conversion between interleaved arrays and vectors, transposes, and sums over lanes. Included by
 // kernels.cpp.
 
+// Column `Column` of an interleaved array of kLanes rows and Width columns; v is the array.
 template <int Width, int Column, int... Lane>
 static inline vf pick(const vf *v, std::integer_sequence<int, Lane...>) {
     if constexpr (Width == 1) return v[0];
@@ -13,7 +14,7 @@ static inline vf pick(const vf *v, std::integer_sequence<int, Lane...>) {
     }
 }
 
-// Vector `Part` of the interleaved array whose columns are v.
+// The inverse: vector `Part` of the interleaved array that has the columns v.
 template <int Width, int Part, int... Lane>
 static inline vf weave(const vf *v, std::integer_sequence<int, Lane...>) {
     if constexpr (Width == 1) return v[0];
@@ -39,7 +40,7 @@ struct Fields {
     vf column[Width];
 };
 
-// Rows [i, i + count) of an (N, Width) array; zero from count on.
+// Loads the rows [i, i + count) of an (N, Width) array; the lanes from `count` on are zero.
 template <int Width>
 static inline Fields<Width> load_fields(const float *array, int i, int count) {
     float padded[Width * kLanes];
@@ -57,6 +58,7 @@ static inline Fields<Width> load_fields(const float *array, int i, int count) {
     return f;
 }
 
+// Stores the rows [i, i + count) of an (N, Width) array.
 template <int Width>
 static inline void store_fields(float *array, int i, int count, const Fields<Width> &f) {
     vf v[Width];
@@ -93,7 +95,7 @@ static inline void transpose(vf *r) {
     r[3] = __builtin_shufflevector(b, d, 2, 3, 6, 7);
 }
 
-// (kLanes, 8) numbers to eight columns, and back.
+// Converts an array of kLanes rows and eight columns to eight vectors, and back.
 static inline void to_columns(const float *rows, vf *columns) {
     for (int half = 0; half < 2; ++half) {
         for (int l = 0; l < 4; ++l) columns[4 * half + l] = load(rows + 8 * l + 4 * half);
@@ -110,7 +112,7 @@ static inline void to_rows(const vf *columns, float *rows) {
     }
 }
 
-// The sums over lanes of eight vectors.
+// The sums over the lanes of eight vectors.
 static inline v8 sums(const vf *v) {
     vf r[8] = {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]};
     transpose(r);

@@ -1,7 +1,7 @@
-// GSVR_LANES floats at a time, by the compiler's vector extensions: one source for every
-// instruction set; intrinsics only where the extensions compile badly. Included by kernels.cpp
-// alone, inside a namespace of the instruction set, so that no inline function of one set can be
-// linked into another.
+// Vectors of GSVR_LANES floats, by the compiler's vector extensions: one source for all instruction
+// sets, with intrinsics where the extensions compile to slow code. Included by source files that
+// are compiled for each set, inside a namespace of the set. Without the namespaces, the linker
+// could merge an inline function of two sets, and a processor would run instructions that it lacks.
 
 typedef float vf __attribute__((vector_size(GSVR_LANES * 4)));
 typedef int vi __attribute__((vector_size(GSVR_LANES * 4)));
@@ -28,7 +28,7 @@ static inline int min(int a, int b) { return a < b ? a : b; }
 static inline vi max(vi a, vi b) { return a > b ? a : b; }
 static inline vi min(vi a, vi b) { return a < b ? a : b; }
 
-// v limited to [0, 1]; 0 where it is NaN.
+// v clamped to [0, 1]; 0 where v is NaN.
 static inline v8 clamped(v8 v) {
     const v8 zero{}, one = 1.0f - zero;
 #if defined(__AVX2__)
@@ -39,7 +39,7 @@ static inline v8 clamped(v8 v) {
 #endif
 }
 
-// max and min: b where a is NaN. bits: the sign of each lane of a mask.
+// max and min return b where a is NaN. bits returns the sign bits of the lanes of a mask.
 #if defined(__AVX512F__)
 static inline vf max(vf a, vf b) { return (vf)_mm512_max_ps((__m512)a, (__m512)b); }
 static inline vf min(vf a, vf b) { return (vf)_mm512_min_ps((__m512)a, (__m512)b); }
@@ -80,7 +80,8 @@ static inline vf absolute(vf v) { return (vf)((vi)v & 0x7fffffff); }
 static inline vi is_finite(vf v) { return v - v == 0.0f; }
 static inline vf where(vi mask, vf v) { return (vf)((vi)v & mask); }
 
-// Denormal numbers count as zero in the scope of one of these: they would be slow, and are noise.
+// While an object of this class exists, the processor treats denormal numbers as zero. Computing
+// with them is slow, and their values do not matter.
 class FlushDenormals {
 #if defined(__SSE2__)
    public:
@@ -107,7 +108,7 @@ class FlushDenormals {
 
 // 2^x for x in [-126, 127]; relative error below 2e-7.
 static inline vf exp2(vf x) {
-    constexpr float kRound = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+    constexpr float kRound = 12582912.0f;  // 1.5 * 2^23: adding this rounds to an integer
     const vf rounded = x + kRound;
     const vf f = x - (rounded - kRound);
     vf p = 1.327646680e-3f * f + 9.675541293e-3f;

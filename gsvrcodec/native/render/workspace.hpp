@@ -1,4 +1,4 @@
-// Scratch memory that is kept between calls: no allocation per frame once it has grown.
+// Scratch memory that is kept between calls, so that frames after the first need no allocation.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,8 @@ struct Free {
 template <class T>
 class Buffer {
    public:
-    // Room for n elements on a cache line; contents are kept only when it already was there.
+    // Returns memory for n elements, aligned to 64 bytes. When the buffer grows, its contents are
+    // lost.
     T *reserve(std::size_t n) {
         if (n > size_) {
             const std::size_t bytes = (n * sizeof(T) + 63) / 64 * 64;
@@ -36,16 +37,17 @@ class Buffer {
     std::size_t size_ = 0;
 };
 
-// Scratch of one frame in flight.
+// The scratch memory of one frame that is being rendered.
 struct Workspace {
     Buffer<Splats> splats;
     Buffer<BlockRows> rows;
     Buffer<Moments> moments;
-    Buffer<float> lines, pixels, pictures, static_pictures, plane_gradients, picture_gradients, edges;
+    Buffer<float> lines, pixels, pictures, static_pictures, plane_gradients, picture_gradients,
+        edges;
     Buffer<double> sums;
 };
 
-// A workspace that nobody else has, for as long as this lives.
+// Borrows a workspace for the lifetime of this object; no other object has the same workspace.
 class BorrowedWorkspace {
    public:
     BorrowedWorkspace() {
@@ -71,7 +73,7 @@ class BorrowedWorkspace {
     struct Idle {
         std::mutex mutex;
         std::size_t made = 0;
-        std::vector<std::unique_ptr<Workspace>> spaces;  // room for all that were made
+        std::vector<std::unique_ptr<Workspace>> spaces;  // has capacity for all `made` workspaces
     };
     static Idle &idle() {
         static Idle instance;
