@@ -58,43 +58,35 @@ static inline i8 to_codes(v8 value) {
     return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
 }
 
-#if defined(__AVX512F__)
-// Converts eight pixels of each of the two rows of a vector.
-static inline void store_rgb_two_rows(std::uint8_t *out, std::ptrdiff_t next, const float *red) {
-    const auto codes = [](const float *p) {
-        return truncate(min(max(load(p), vf{}), broadcast(1.0f)) * 255.0f + 0.5f);
-    };
-    const vf rgbx =
-        (vf)(codes(red) | codes(red + kChannelFloats) << 8 | codes(red + 2 * kChannelFloats) << 16);
-    store_rgb(out, (i8)low(rgbx));
-    store_rgb(out + next, (i8)high(rgbx));
+// Converts eight pixels to interleaved samples.
+static inline void store_samples(std::uint8_t *out, const float *red) {
+    store_rgb(out, to_codes(load8(red)) | to_codes(load8(red + kChannelFloats)) << 8 |
+                       to_codes(load8(red + 2 * kChannelFloats)) << 16);
 }
-#endif
 
 void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out) {
     const std::ptrdiff_t line = static_cast<std::ptrdiff_t>(frame.width) * 3;
-#if defined(__AVX512F__)
-    if (frame.width % kStripWidth == 0 && (rows.end - rows.begin) % kVectorRows == 0) {
-        for (int row = rows.begin; row < rows.end; row += kVectorRows) {
-            const float *red =
-                pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
-            std::uint8_t *p = out + (row - rows.begin) * line;
-            const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
-            for (; p < out + (row - rows.begin + 1) * line; p += 3 * kStripWidth, red += strip)
-                store_rgb_two_rows(p, line, red);
+    const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
+    for (int row = rows.begin; row < rows.end; row += kVectorRows, out += kVectorRows * line) {
+        const float *red =
+            pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
+        const int row_count = min(kVectorRows, rows.end - row);
+        std::uint8_t *p = out;
+        for (int x = 0; x < frame.width; x += kStripWidth, red += strip, p += 3 * kStripWidth) {
+            const int samples = 3 * min(kStripWidth, frame.width - x);
+            if (row_count == kVectorRows && samples == 3 * kStripWidth) {
+                // The usual case, as a loop of constant length, which the compiler unrolls.
+                for (int k = 0; k < kVectorRows; ++k)
+                    store_samples(p + k * line, red + k * kStripWidth);
+                continue;
+            }
+            for (int k = 0; k < row_count; ++k) {
+                std::uint8_t bytes[3 * kStripWidth];
+                store_samples(bytes, red + k * kStripWidth);
+                for (int i = 0; i < samples; ++i) p[k * line + i] = bytes[i];
+            }
         }
-        return;
     }
-#endif
-    for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
-        const i8 rgbx = to_codes(load8(red)) | to_codes(load8(red + kChannelFloats)) << 8 |
-                        to_codes(load8(red + 2 * kChannelFloats)) << 16;
-        std::uint8_t *p = out + row * line + x * 3;
-        if (samples == kStripWidth) return store_rgb(p, rgbx);
-        std::uint8_t bytes[3 * kStripWidth];
-        store_rgb(bytes, rgbx);
-        for (int i = 0; i < 3 * samples; ++i) p[i] = bytes[i];
-    });
 }
 
 void to_float(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
