@@ -235,6 +235,6 @@ def _options(reference: Reference, crf: int) -> dict[str, str]:
     if reference.codec == "x265":
         private = ["log-level=error"]
         if reference.key is not None:
-            private += [f"min-keyint={reference.key}", "backgroundcut=0", "open-gop=0"]
+            private += [f"min-keyint={reference.key}", "scenecut=0", "open-gop=0"]
         options["x265-params"] = ":".join(private)
     return options

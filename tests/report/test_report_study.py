@@ -66,6 +66,14 @@ class TestReferences:
         (point,) = curve_of(f"{codec}:{setting}", crfs=[30]).points
         assert point.key_frames == keys
 
+    @pytest.mark.parametrize(("codec", "encoder"), [("x264", "libx264"), ("x265", "libx265")])
+    def test_a_cut_makes_no_key_frame_of_its_own(self, codec: str, encoder: str) -> None:
+        options = references._options(parse_reference(f"{codec}:key=4"), 30)
+        with open_video(making.NOISE, frames=6) as video:
+            frames = ycbcr_frames((shot.rgb for shot in video), video.info)
+            stream = encode_stream(frames, video.info, encoder, options, threads=1)
+        assert b"scenecut=0" in stream.start  # the encoder names its settings there
+
     def test_figures_are_those_of_the_decoded_stream(self) -> None:
         with open_video(making.NOISE, frames=6) as video:
             shots = [shot.rgb for shot in video]
