@@ -16,7 +16,7 @@ from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import with_background
+from gsvrcodec.model.background import append_background
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.planes import PACKS
 
@@ -138,7 +138,7 @@ def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
             if content.shown is not None:
                 chunk = reader.find_background(content.background, number).chunk
                 background = unpack_background(reader.read_chunk(chunk), limits)
-                gop = with_background(content.gop, background, content.shown)
+                gop = append_background(content.gop, background, content.shown)
                 contents[number] = replace(content, gop=gop)
         return contents
 

@@ -12,8 +12,8 @@ from gsvrcodec.bitstream.background_head import (
 )
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import STILL_ATTRIBUTES, GopShape
-from gsvrcodec.model.background import Background, still_gop
+from gsvrcodec.model.attributes import STATIC_ATTRIBUTES, GopShape
+from gsvrcodec.model.background import Background, static_gop
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.quantise import Precision
@@ -37,9 +37,9 @@ def pack_background(
         ValueError: A value is not finite or out of the spec's bounds.
     """
     order = strip_order(gop.position)
-    values = {a.name: getattr(gop, a.name)[order] for a in STILL_ATTRIBUTES}
+    values = {a.name: getattr(gop, a.name)[order] for a in STATIC_ATTRIBUTES}
     shape = GopShape(len(gop), _GRID)
-    planes, data = pack_planes(values, shape, precision, codecs, STILL_ATTRIBUTES)
+    planes, data = pack_planes(values, shape, precision, codecs, STATIC_ATTRIBUTES)
     return BackgroundHead(number, len(gop), planes).to_bytes() + data
 
 
@@ -53,8 +53,8 @@ def unpack_background(payload: bytes, limits: Limits) -> Background:
     """
     head, entries, offset = _parse(payload, limits)
     shape = GopShape(head.gaussians, _GRID)
-    values = unpack_planes(entries, payload, offset, shape, limits, STILL_ATTRIBUTES)
-    return Background(head.number, still_gop(**values))
+    values = unpack_planes(entries, payload, offset, shape, limits, STATIC_ATTRIBUTES)
+    return Background(head.number, static_gop(**values))
 
 
 def background_table(payload: bytes, limits: Limits) -> tuple[PlaneEntry, ...]:
@@ -66,6 +66,6 @@ def _parse(payload: bytes, limits: Limits) -> tuple[BackgroundHead, tuple[PlaneE
     """Head, plane table and the offset of the first plane."""
     head = parse_background_head(payload)
     limits.check("gaussians", head.gaussians, "the number of Gaussians in a background")
-    expected = GopShape(head.gaussians, _GRID).planes(STILL_ATTRIBUTES)
+    expected = GopShape(head.gaussians, _GRID).planes(STATIC_ATTRIBUTES)
     entries, offset = parse_plane_table(payload, BACKGROUND_HEAD_BYTES, head.planes, expected)
     return head, entries, offset

@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Background, with_background
+from gsvrcodec.model.background import Background, append_background
 from gsvrcodec.model.pyramid import by_level
 
 #: Enough for a few readers at different places of one film.
@@ -117,7 +117,7 @@ class GopStore:
             content = unpack_gop(payload, self.reader.header, self._limits)
             gop = content.gop
             if content.shown is not None:
-                gop = with_background(
+                gop = append_background(
                     gop, self._background(content.background, position), content.shown
                 )
         except CorruptError as error:

@@ -21,7 +21,7 @@ from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.quantised import as_published, quantisable
 from gsvrcodec.fit.rate_control import fit_to_psnr, quantise_to_psnr, quantise_to_size
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
-from gsvrcodec.model.background import Background, only
+from gsvrcodec.model.background import Background, select_gaussians
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.time import Ticks, normalised_time
@@ -110,7 +110,7 @@ class GopJob(Job):
         if self.background is not None and self.background_picture is not None:
             visible = visible_gaussians(self.background, self.background_picture, self.frames)
             if visible.any():
-                return Footage(self.frames, taus, only(self.background.gop, visible)), visible
+                return Footage(self.frames, taus, select_gaussians(self.background.gop, visible)), visible
         return Footage(self.frames, taus), None
 
     def payload(

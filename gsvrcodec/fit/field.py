@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.background import together
+from gsvrcodec.model.background import append_gaussians
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples
 
@@ -87,9 +87,9 @@ class Field:
         return self.backend.upload(self.backend.picture(prepared, 0.0, size, coded_size))
 
     def drawn(self) -> Gop:
-        """The present state together with the background."""
+        """The present state append_gaussians with the background."""
         gop = self.gop()
-        return gop if self._background is None else together(gop, self._background)
+        return gop if self._background is None else append_gaussians(gop, self._background)
 
     def gop(self) -> Gop:
         """The present state, as arrays of its own, well within the bounds of the spec."""

@@ -21,7 +21,7 @@ from gsvrcodec.fit.recipe import MAIN, PAPER
 from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.fit.tuned import EFFORT, STAGED
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.background import together
+from gsvrcodec.model.background import append_gaussians
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS
 from gsvrcodec.render.backend import Backend
@@ -64,7 +64,7 @@ def fit_gop(
         gaussians: N.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         options: profile, deformation field, flow.
-        allowance: steps or wall time of start, fit and tuning together.
+        allowance: steps or wall time of start, fit and tuning append_gaussians.
         backend: the renderer.
         seed: of every random choice.
     """
@@ -106,7 +106,7 @@ def fit_gop(
 def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:
     """Mean PSNR over the frames of `gop` in front of the background, dB."""
     if footage.background is not None:
-        gop = together(gop, footage.background)
+        gop = append_gaussians(gop, footage.background)
     prepared = backend.prepare(gop)
     values: list[float] = []
     for begin in range(0, len(footage.frames), EFFORT.measured_frames):

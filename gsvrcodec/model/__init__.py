@@ -1,1 +1,1 @@
-"""What a GOP is: attributes, quantiser, order, time, pyramid; NumPy alone."""
+"""The model of a GOP: attributes, quantiser, storage order, time, pyramid; NumPy alone."""

@@ -14,14 +14,14 @@ GridKind = Literal["gaussians", "xy", "xt", "yt", "background"]
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One field of a `Gop`; each of its components is a plane of its own."""
+    """One field of a `Gop`; each component is coded as a plane."""
 
     id: int  #: number in the plane table
     name: str  #: field of `Gop`
-    components: int  #: planes of it
-    grid: GridKind  #: what its samples stand for
-    low: float  #: no decoded value is smaller
-    high: float  #: no decoded value is larger
+    components: int  #: number of components, so of planes
+    grid: GridKind  #: grid of the samples, which sets the size of the planes
+    low: float  #: least allowed decoded value
+    high: float  #: greatest allowed decoded value
 
 
 #: In the order of the plane table. The bounds keep every float32 of the reconstruction finite.
@@ -37,25 +37,25 @@ ATTRIBUTES = (
     Attribute(8, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
     Attribute(9, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
 )
-#: Which Gaussians of its background a GOP shows: 1, or 0 for those that it leaves out.
+#: Mask of a GOP over the Gaussians of its background: 1 = shown, 0 = not.
 SHOWN = Attribute(10, "shown", 1, "background", 0.0, 1.0)
-#: What is stored of Gaussians that stand still: those of a background.
-STILL_ATTRIBUTES = ATTRIBUTES[:4]
+#: Attributes of a background's Gaussians, which are static.
+STATIC_ATTRIBUTES = ATTRIBUTES[:4]
 ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in (*ATTRIBUTES, SHOWN)}
 
 
 @dataclass(frozen=True, slots=True)
 class GopShape:
-    """What the sizes of all planes follow from."""
+    """Counts and grid sizes of a GOP or a background, from which all plane sizes follow."""
 
-    gaussians: int  #: N
+    gaussians: int  #: Gaussians N
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
     background: int = 0  #: Gaussians of the background; 0 = none
 
     def plane_size(self, kind: GridKind) -> tuple[int, int]:
-        """Width and height of the planes of one grid; (0, 0) = there are none.
+        """Width and height of the planes of one grid; (0, 0) = the grid has no planes.
 
-        Gaussians fill a grid of ceil(sqrt(N)) columns row by row.
+        Gaussians fill a grid of ceil(sqrt(N)) columns, row by row.
         """
         if kind in ("gaussians", "background"):
             count = self.gaussians if kind == "gaussians" else self.background
@@ -67,7 +67,7 @@ class GopShape:
         return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
 
     def samples(self, kind: GridKind) -> int:
-        """Samples of a plane of one grid that mean something."""
+        """Samples in a plane of one grid, without the padding of the last row."""
         if kind in ("gaussians", "background"):
             return self.gaussians if kind == "gaussians" else self.background
         width, height = self.plane_size(kind)
@@ -76,7 +76,7 @@ class GopShape:
     def planes(
         self, attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN)
     ) -> list[tuple[Attribute, int, int, int]]:
-        """The planes there must be, in order: attribute, component, width, height."""
+        """The planes of this shape in table order: attribute, component, width, height."""
         planes = []
         for attribute in attributes:
             width, height = self.plane_size(attribute.grid)

@@ -1,4 +1,4 @@
-"""Backgrounds: Gaussians that stand still and belong to several GOPs (spec section 5.5)."""
+"""Backgrounds: static Gaussians that several GOPs share (spec section 5.5)."""
 
 from __future__ import annotations
 
@@ -14,24 +14,31 @@ from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 #: Stored numbers of one Gaussian of a background: position 2, scale 2, rotation, colour 3.
 BACKGROUND_PARAMETERS = 8
 
-_OF_GAUSSIANS = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
+_GAUSSIAN_ATTRIBUTES = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
-    """What GOPs may share."""
+    """Static Gaussians that several GOPs may show."""
 
-    number: int  #: by which GOPs name it, from 1
-    gop: Gop  #: its Gaussians as a GOP that stands still, in stored order; no tri-plane
+    number: int  #: number by which GOPs refer to the background, from 1
+    gop: Gop  #: the Gaussians in stored order, as a GOP without motion and without a tri-plane
 
 
-def still_gop(
+def static_gop(
     position: Float32Array,
     log_scale: Float32Array,
     rotation: Float32Array,
     colour: Float32Array,
 ) -> Gop:
-    """Return Gaussians at rest, without a tri-plane."""
+    """Return a GOP of static Gaussians: indicator 1, no motion, no tri-plane.
+
+    Args:
+        position: Shape (N, 2), canonical centres x, y.
+        log_scale: Shape (N, 2), natural logarithms of sigma in pixels of the coded frame.
+        rotation: Shape (N,), radians.
+        colour: Shape (N, 3), red, green and blue weights.
+    """
     count = len(position)
     none = np.zeros((0, 0, TRIPLANE_CHANNELS), np.float32)
     return Gop(
@@ -48,28 +55,34 @@ def still_gop(
     )
 
 
-def only(gop: Gop, shown: NDArray[np.bool_]) -> Gop:
-    """Return some of the Gaussians of a GOP."""
-    return replace(gop, **{name: getattr(gop, name)[shown] for name in _OF_GAUSSIANS})
+def select_gaussians(gop: Gop, mask: NDArray[np.bool_]) -> Gop:
+    """Return a GOP with the Gaussians that `mask`, shape (N,), selects; the tri-plane is shared."""
+    return replace(gop, **{name: getattr(gop, name)[mask] for name in _GAUSSIAN_ATTRIBUTES})
 
 
-def together(gop: Gop, still: Gop) -> Gop:
-    """Return a GOP with Gaussians at rest added behind its own."""
+def append_gaussians(gop: Gop, static: Gop) -> Gop:
+    """Return `gop` with the Gaussians of a static GOP behind its own; the tri-plane is `gop`'s."""
     both = {
-        name: np.concatenate([getattr(gop, name), getattr(still, name)]) for name in _OF_GAUSSIANS
+        name: np.concatenate([getattr(gop, name), getattr(static, name)])
+        for name in _GAUSSIAN_ATTRIBUTES
     }
     return replace(gop, **both)
 
 
-def with_background(gop: Gop, background: Background, shown: NDArray[np.bool_]) -> Gop:
-    """Return a GOP with what it shows of its background.
+def append_background(gop: Gop, background: Background, shown: NDArray[np.bool_]) -> Gop:
+    """Return a GOP with the Gaussians of its background that it shows behind its own.
+
+    Args:
+        gop: The GOP.
+        background: The background that the GOP refers to.
+        shown: Shape (Gaussians of the background,), which of them the GOP shows.
 
     Raises:
-        CorruptError: `shown` is not made for this background.
+        CorruptError: The background has another number of Gaussians than `shown`.
     """
     if len(shown) != len(background.gop):
         raise CorruptError(
             f"background {background.number} has {len(background.gop)} Gaussians, "
             f"the GOP expects {len(shown)}"
         )
-    return together(gop, only(background.gop, shown))
+    return append_gaussians(gop, select_gaussians(background.gop, shown))

@@ -1,4 +1,4 @@
-"""What a GOP is: canonical 2D Gaussians and the deformation field that moves them."""
+"""A GOP: canonical 2D Gaussians and the deformation field that moves them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 
-GridSize = tuple[int, int, int]  #: Gx, Gy, Gt of a tri-plane; all 0 = there is none
+GridSize = tuple[int, int, int]  #: Gx, Gy, Gt of a tri-plane; all 0 = no tri-plane
 
 #: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
 TRIPLANE_CHANNELS = 8
 
-#: Stored numbers of one Gaussian: position 2, scale 2, rotation, colour 3, indicator, motion 4.
+#: Parameters of one Gaussian: position 2, scale 2, rotation, colour 3, indicator, motion 4.
 GAUSSIAN_PARAMETERS = 13
 
 
@@ -29,9 +29,9 @@ class Gop:
     log_scale: Float32Array  #: (N, 2) natural logarithm of sigma in pixels of the coded frame
     rotation: Float32Array  #: (N,) radians, counter-clockwise with y down, modulo pi
     colour: Float32Array  #: (N, 3) red, green, blue weights, any sign
-    indicator: Float32Array  #: (N,) dynamic indicator in [0, 1]; 1 = polynomial only
-    linear: Float32Array  #: (N, 2) indicator * a1, offset for one unit of tau
-    quadratic: Float32Array  #: (N, 2) indicator * a2, offset for one unit of tau squared
+    indicator: Float32Array  #: (N,) dynamic indicator in [0, 1]; 1 = the tri-plane has no effect
+    linear: Float32Array  #: (N, 2) indicator * a1, coefficient of tau
+    quadratic: Float32Array  #: (N, 2) indicator * a2, coefficient of tau^2
     xy: Float32Array  #: (Gy, Gx, 8) spatial grid
     xt: Float32Array  #: (Gt, Gx, 8) grid over x and time
     yt: Float32Array  #: (Gt, Gy, 8) grid over y and time
@@ -42,11 +42,11 @@ class Gop:
 
     @property
     def parameters(self) -> int:
-        """Stored numbers, before quantisation."""
+        """Number of parameters, before quantisation."""
         return sum(getattr(self, field.name).size for field in fields(self))
 
 
 def grid_size(gop: Gop) -> GridSize:
-    """Gx, Gy and Gt of the tri-plane, all 0 if there is none."""
+    """Gx, Gy and Gt of the tri-plane; all 0 = no tri-plane."""
     gy, gx, _ = gop.xy.shape
     return gx, gy, gop.xt.shape[0]

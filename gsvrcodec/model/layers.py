@@ -1,4 +1,4 @@
-"""What moves by itself and what does not: the Gaussians of a GOP, split by their motion."""
+"""Dynamic and static layers: the Gaussians of a GOP, split by their motion."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from gsvrcodec.model.gop import Gop
 
 Layers = Literal["all", "dynamic", "static"]
 
-#: How far a Gaussian strays from the common motion to be dynamic, part of the frame's longer side.
-DYNAMIC_WAY = 1 / 160
+#: Least displacement of a dynamic Gaussian against the median motion, in longer frame sides.
+DYNAMIC_DISPLACEMENT = 1 / 160
 
 
 def select_layers(gop: Gop, layers: Layers, coded_size: tuple[int, int]) -> Gop:
-    """Return a GOP with the Gaussians of some layers alone.
+    """Return a GOP with the Gaussians of one layer, or of both.
 
-    The dynamic indicator indicator is part of the polynomial that a GOP stores, so what counts is
-    where that takes a Gaussian: a dynamic one strays from the median motion, which is that of the
-    camera, by more than 1/160 of the longer side. (indicator alone tells little: fits leave it near
-    its start for nearly all Gaussians.) A picture is a sum over Gaussians, so the pictures of the
-    two layers add up to the whole one, but for the clamping of each at black and white.
+    The median motion of a GOP's Gaussians is taken for the motion of the camera. A Gaussian is
+    dynamic if its polynomial takes it more than 1/160 of the frame's longer side away from the
+    median motion. The dynamic indicator does not decide: fits leave it near its initial value for
+    nearly all Gaussians. A picture is a sum over Gaussians, so the pictures of the two layers add
+    up to the whole picture, except where a sample is clamped at black or white.
 
     Args:
-        gop: the whole GOP; it shares its tri-plane with the result.
-        layers: "dynamic", "static" = the others, or "all".
-        coded_size: width and height of the coded frame, pixels.
+        gop: All Gaussians; the result shares the tri-plane.
+        layers: "dynamic", "static" = all Gaussians that are not dynamic, or "all".
+        coded_size: Width and height of the coded frame, pixels.
     """
     if layers == "all":
         return gop
@@ -39,11 +39,11 @@ def select_layers(gop: Gop, layers: Layers, coded_size: tuple[int, int]) -> Gop:
 
 
 def _dynamic(gop: Gop, coded_size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which Gaussians are dynamic, (N,)."""
+    """Whether each Gaussian is dynamic, shape (N,)."""
     if not len(gop):
         return np.zeros(0, np.bool_)
     half = np.array(coded_size, np.float32) / 2
     linear = (gop.linear - np.median(gop.linear, axis=0)) * half
     quadratic = (gop.quadratic - np.median(gop.quadratic, axis=0)) * half
     ends = [np.hypot(*(quadratic + way).T) for way in (linear, -linear)]
-    return np.asarray(np.maximum(*ends) > DYNAMIC_WAY * max(coded_size))
+    return np.asarray(np.maximum(*ends) > DYNAMIC_DISPLACEMENT * max(coded_size))

@@ -1,4 +1,4 @@
-"""The order in which Gaussians are stored; decoders take any."""
+"""Storage order of Gaussians, chosen by the encoder; a decoder accepts any order."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from gsvrcodec.model.gop import Float32Array
 def strip_order(position: Float32Array) -> NDArray[np.intp]:
     """A permutation that makes neighbours in the stored grid neighbours in the picture.
 
-    Gaussians are cut by their y into strips of as many as a row of the grid holds, and each strip
-    is sorted by x: along a row x rises by small steps, and down a column both change little.
-    Against Morton order it saves 2 bits a Gaussian.
+    Gaussians are sorted by y and cut into strips, one strip for each row of the grid; each strip is
+    sorted by x. Then x rises by small steps along a row, and x and y change little down a column.
+    This order takes 2 bits a Gaussian less than Morton order.
 
     Args:
         position: Shape (N, 2), canonical centres x, y.

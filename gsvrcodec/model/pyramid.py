@@ -1,4 +1,4 @@
-"""The pyramid: each Gaussian is drawn at the resolution that it needs (spec section "Levels")."""
+"""Pyramid levels: large Gaussians are drawn at lower resolution (spec section "Levels")."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gsvrcodec.model.reconstruction import LEVEL_SCALE, LEVELS
 
 
 def zoom(size: tuple[int, int], coded_size: tuple[int, int]) -> float:
-    """How much larger than the coded frame a frame of `size` is, by the lesser of its sides."""
+    """Scale factor from the coded frame to a frame of `size`, the smaller of the two axes'."""
     return min(size[0] / coded_size[0], size[1] / coded_size[1])
 
 
 def level_of(log_scale: Float32Array, zoom: float) -> NDArray[np.intp]:
-    """The level of each Gaussian, (N,), from its canonical logarithms of scale (N, 2)."""
+    """Pyramid level of each Gaussian, shape (N,), from `log_scale`, shape (N, 2), and `zoom`."""
     bounds = [math.log(LEVEL_SCALE * 2**level / zoom) for level in range(1, LEVELS)]
     least = np.minimum(log_scale[:, 0], log_scale[:, 1])
     level: NDArray[np.intp] = np.searchsorted(np.array(bounds, np.float32), least, side="right")
@@ -38,5 +38,5 @@ def by_level(gop: Gop) -> Gop:
 
 
 def level_size(size: tuple[int, int], level: int) -> tuple[int, int]:
-    """Width and height of a level of a frame of `size`."""
+    """Width and height of a pyramid level of a frame of `size`."""
     return -(-size[0] >> level), -(-size[1] >> level)

@@ -1,4 +1,4 @@
-"""Uniform scalar quantisation: bits over the range of the values, or steps of a fixed size."""
+"""Uniform scalar quantisation: with a number of bits over the range, or with a given step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 
 _MAX_BITS = 16
 
-#: Bits of each attribute as the publication has them.
+#: Bits of each attribute in the publication.
 PAPER_BITS: Mapping[str, int] = {
     "position": 16,
     "log_scale": 8,
@@ -28,9 +28,9 @@ PAPER_BITS: Mapping[str, int] = {
     "xt": 16,
     "yt": 16,
 }
-#: Steps of each component of each attribute, by the name of its field in `Gop`.
+#: Quantiser step of each component, by attribute name.
 Steps = Mapping[str, tuple[float, ...]]
-#: Steps, or bits of each attribute over the range of its values.
+#: Quantiser steps, or bits over the range of the values, by attribute name.
 Precision = Steps | Mapping[str, int]
 
 
@@ -40,13 +40,13 @@ class Quantiser:
 
     bits: int  #: 1 to 16
     offset: float  #: value of code 0; a float32
-    step: float  #: distance of neighbouring values; a float32, 0 = all codes give the offset
+    step: float  #: difference of neighbouring values; a float32, 0 = every code means `offset`
 
     @classmethod
     def choose(
         cls, values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
     ) -> Self:
-        """The quantiser that `precision` asks for, for one component of an attribute.
+        """The quantiser of one component of an attribute, by the steps or bits of `precision`.
 
         Raises:
             ValueError: A value is not finite.
@@ -80,8 +80,8 @@ class Quantiser:
     ) -> Self:
         """The quantiser to whole multiples of `step`, with as many bits as the values need.
 
-        Values are clipped where 16 bits, or the bounds, leave no room: to the multiples around
-        their median.
+        Where 16 bits or the bounds are too narrow for all values, values are clipped to the
+        multiples around the median.
 
         Args:
             values: Any shape, at least one value, all finite.
@@ -106,39 +106,39 @@ class Quantiser:
 
     @property
     def last(self) -> float:
-        """Value of the largest code."""
+        """Value of the largest code, 2**bits - 1."""
         return self.offset + self.step * ((1 << self.bits) - 1)
 
     def quantise(self, values: NDArray[np.floating]) -> NDArray[np.uint16]:
-        """Nearest codes, halves to even, clipped to the range."""
+        """Nearest codes, rounded half to even and clipped to 0 .. 2**bits - 1."""
         if not self.step:
             return np.zeros(values.shape, np.uint16)
         codes = np.rint((values.astype(np.float64) - self.offset) / self.step)
         return np.clip(codes, 0, (1 << self.bits) - 1).astype(np.uint16)
 
     def dequantise(self, codes: NDArray[np.uint16]) -> Float32Array:
-        """The values of codes: exact in binary64 but for one rounding, then one to binary32."""
+        """Values of codes: computed in binary64 with one rounding, then rounded to binary32."""
         return (codes * np.float64(self.step) + self.offset).astype(np.float32)
 
 
-#: A mask has one bit.
+#: Quantiser of the mask `shown`: one bit.
 _MASK = Quantiser(1, 0.0, 1.0)
 
 
 def component(
     values: NDArray[np.floating], attribute: Attribute, part: int
 ) -> NDArray[np.floating]:
-    """One component of an attribute, as it is stored."""
+    """Values of one component of an attribute; rotations are wrapped to [0, pi)."""
     if attribute.components > 1:
         values = values[..., part]
-    # A Gaussian turned by half a circle is the same one; one period needs the fewest bits.
+    # A Gaussian has period pi in its rotation; values of one period need the fewest bits.
     return np.mod(values, np.pi) if attribute.name == "rotation" else values
 
 
 def quantiser_of(
     values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
 ) -> Quantiser:
-    """The quantiser of a component.
+    """The quantiser of one component of an attribute, within the attribute's bounds.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
@@ -155,7 +155,7 @@ def quantiser_of(
 
 
 def dequantised(gop: Gop, precision: Precision) -> Gop:
-    """What a decoder will get for `gop`, in the order given.
+    """The GOP that a decoder gets for `gop`, quantised and dequantised, in the given order.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.

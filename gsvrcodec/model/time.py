@@ -13,7 +13,7 @@ Ticks = NDArray[np.int64]
 
 
 def normalised_time(pts: Ticks) -> Float32Array:
-    """tau of each frame: -1 at the first, 1 at the last, 0 if there is only one.
+    """tau of each frame of a GOP: -1 at the first frame, 1 at the last, 0 for a single frame.
 
     Args:
         pts: Shape (F,), strictly increasing, ticks.
@@ -29,14 +29,14 @@ def normalised_time(pts: Ticks) -> Float32Array:
 
 
 def time_at(pts: Ticks, ticks: int | Fraction) -> np.float32:
-    """tau of any time: that of a frame at its timestamp, in between in proportion.
+    """tau of any time, linear in time from -1 at the first frame of a GOP to 1 at the last.
 
-    Before the first frame it stays -1, after the last one 1: motion is not carried on beyond the
-    frames that it was fitted to.
+    tau is clamped to -1 before the first frame and to 1 after the last frame: motion is not
+    extrapolated.
 
     Args:
         pts: Shape (F,), strictly increasing, ticks.
-        ticks: The time, whole ticks or parts of one.
+        ticks: The time, in ticks; may be a fraction.
     """
     first, last = int(pts[0]), int(pts[-1])
     if first == last:

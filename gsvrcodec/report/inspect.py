@@ -16,7 +16,7 @@ from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, STILL_ATTRIBUTES, Attribute, GopShape
+from gsvrcodec.model.attributes import ATTRIBUTES, STATIC_ATTRIBUTES, Attribute, GopShape
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -114,7 +114,9 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
             BackgroundInfo(
                 number=background.number,
                 gaussians=background.gaussians,
-                parameters=_parameters(GopShape(background.gaussians, (0, 0, 0)), STILL_ATTRIBUTES),
+                parameters=_parameters(
+                    GopShape(background.gaussians, (0, 0, 0)), STATIC_ATTRIBUTES
+                ),
                 bytes=background.chunk.size,
             )
             for background in reader.backgrounds

@@ -19,15 +19,20 @@ from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import STILL_ATTRIBUTES
-from gsvrcodec.model.background import only, still_gop, together, with_background
+from gsvrcodec.model.attributes import STATIC_ATTRIBUTES
+from gsvrcodec.model.background import (
+    append_background,
+    append_gaussians,
+    select_gaussians,
+    static_gop,
+)
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.quantise import dequantised
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render import render_frames
 from tests.gops import BITS, HEADER, make_background, make_file, make_gop, make_payload
 
-STILL = [attribute.name for attribute in STILL_ATTRIBUTES]
+STATIC = [attribute.name for attribute in STATIC_ATTRIBUTES]
 
 
 @given(
@@ -42,7 +47,7 @@ def test_round_trip(gaussians: int, number: int, pack: str, seed: int) -> None:
     assert background.number == number
     expected = dequantised(gop, BITS)
     order = strip_order(gop.position)
-    for name in STILL:
+    for name in STATIC:
         np.testing.assert_array_equal(getattr(background.gop, name), getattr(expected, name)[order])
     assert (background.gop.indicator == 1).all()
     assert not background.gop.linear.any()
@@ -66,19 +71,23 @@ def test_over_a_limit() -> None:
 def test_table_names_what_is_stored() -> None:
     entries = background_table(make_background(1, 20), Limits())
     assert [entry.attribute.name for entry in entries] == [
-        attribute.name for attribute in STILL_ATTRIBUTES for _ in range(attribute.components)
+        attribute.name for attribute in STATIC_ATTRIBUTES for _ in range(attribute.components)
     ]
 
 
 def test_a_frame_is_the_sum_of_both() -> None:
     size = 64, 48
-    own, still = make_gop(9), make_gop(12, seed=3)
-    for gop in (own, still):
+    own, static = make_gop(9), make_gop(12, seed=3)
+    for gop in (own, static):
         gop.colour[:] = np.abs(gop.colour) * 0.1  # never over white
-    still = still_gop(*(getattr(still, name) for name in STILL))
+    static = static_gop(*(getattr(static, name) for name in STATIC))
     shown = np.arange(12) % 3 != 1
     taus = np.array([-0.4, 0.7], np.float32)
-    parts = [own, only(still, shown), together(own, only(still, shown))]
+    parts = [
+        own,
+        select_gaussians(static, shown),
+        append_gaussians(own, select_gaussians(static, shown)),
+    ]
     assert [len(part) for part in parts] == [9, 8, 17]
     front, behind, both = (
         render_frames(part, taus, size, size, bit_depth=16).astype(float) for part in parts
@@ -109,9 +118,9 @@ def test_files_keep_backgrounds() -> None:
         background = unpack_background(
             reader.read_chunk(reader.find_background(2, 1).chunk), Limits()
         )
-        assert len(with_background(second.gop, background, second.shown)) == 5 + 8
+        assert len(append_background(second.gop, background, second.shown)) == 5 + 8
         with pytest.raises(CorruptError, match="expects 29"):
-            with_background(second.gop, background, second.shown[1:])
+            append_background(second.gop, background, second.shown[1:])
         with pytest.raises(CorruptError, match="background 3 is lost"):
             reader.find_background(3, 1)
         with pytest.raises(CorruptError, match="background 2 is lost"):

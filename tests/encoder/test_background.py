@@ -27,7 +27,7 @@ from gsvrcodec.encoder.slicing import slice_gops
 from gsvrcodec.fit.field import Field, squared_error
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Background, together, with_background
+from gsvrcodec.model.background import Background, append_background, append_gaussians
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from gsvrcodec.video import open_video
 from tests import making
@@ -138,7 +138,7 @@ class TestFit:
         shown = visible_gaussians(background, texture(1), film)
         np.testing.assert_array_equal(content.shown, shown)
         assert 0.5 < shown.mean() < 1
-        whole = replace(content, gop=with_background(content.gop, background, content.shown))
+        whole = replace(content, gop=append_background(content.gop, background, content.shown))
         assert quality(whole, film) == pytest.approx(done.psnr, abs=0.02)
 
     def test_a_gop_without_any_of_it(self, background: Background) -> None:
@@ -161,7 +161,7 @@ class TestFit:
         field = Field(own, "hybrid", BACKEND, static)
         backdrop = field.backdrop(size, SIZE)
         loss = squared_error(BACKEND, field.tensors(), 0.3, target, SIZE, backdrop).detach()
-        whole = Field(together(own, static), "hybrid", BACKEND)
+        whole = Field(append_gaussians(own, static), "hybrid", BACKEND)
         expected = squared_error(BACKEND, whole.tensors(), 0.3, target, SIZE).detach()
         assert float(loss) == pytest.approx(float(expected), rel=1e-3)
         assert len(field.gop()) == 8

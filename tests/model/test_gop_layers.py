@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.layers import DYNAMIC_WAY, Layers, select_layers
+from gsvrcodec.model.layers import DYNAMIC_DISPLACEMENT, Layers, select_layers
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import parameters
 from tests.gops import make_gop
@@ -42,7 +42,7 @@ def test_every_gaussian_is_in_one_layer(gop: Gop) -> None:
 @pytest.mark.parametrize("camera", [0.0, 0.3], ids=["still", "panning"])
 def test_dynamic_is_what_leaves_the_common_motion(gop: Gop, camera: float) -> None:
     gop.linear[:], gop.quadratic[:] = camera, camera / 2
-    way = 2 * DYNAMIC_WAY  # a frame is 2 wide
+    way = 2 * DYNAMIC_DISPLACEMENT  # a frame is 2 wide
     gop.linear[0, 0] += 1.01 * way
     gop.linear[1, 0] += 0.99 * way
     gop.quadratic[2, 1] -= 1.01 * way * SIZE[0] / SIZE[1]

@@ -31,7 +31,7 @@ from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.background import with_background
+from gsvrcodec.model.background import append_background
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.planes import PACKS
 from tests.gops import (
@@ -286,7 +286,7 @@ def description(data: bytes) -> dict[str, object]:
                 chunk = reader.find_background(content.background, position).chunk
                 background = unpack_background(reader.read_chunk(chunk), Limits())
                 content = replace(
-                    content, gop=with_background(content.gop, background, content.shown)
+                    content, gop=append_background(content.gop, background, content.shown)
                 )
             values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
             gops.append(
