@@ -15,7 +15,7 @@ import numpy as np
 
 from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
-from gsvrcodec.decoder.gop_cache import GopStore
+from gsvrcodec.decoder.gop_cache import GopCache
 from gsvrcodec.decoder.pictures import PictureMaker, RequestedSize, picture_size
 from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
@@ -49,8 +49,8 @@ class Decoder:
         """Open a file; see `open`."""
         device = choose_device(device)
         self._limits = limits or Limits.from_environment()
-        self._store = GopStore(path, self._limits)
-        self._reader = self._store.reader
+        self._gops = GopCache(path, self._limits)
+        self._reader = self._gops.reader
         self._keep_going = keep_going
         self.lost_frames = 0  #: pictures that iteration had to leave out, for `keep_going`
         try:
@@ -68,7 +68,7 @@ class Decoder:
                 tensors=device != "cpu" and not arrays,
             )
         except BaseException:
-            self._store.close()
+            self._gops.close()
             raise
 
     def __enter__(self) -> Self:
@@ -86,7 +86,7 @@ class Decoder:
 
     def close(self) -> None:
         """Close the file; asking for frames then raises `ValueError`."""
-        self._store.close()
+        self._gops.close()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -147,14 +147,14 @@ class Decoder:
 
     def get_frames_at(self, indices: Sequence[int]) -> FrameBatch:
         """Return frames in the order of `indices`; a number may come twice. Raises as above."""
-        self._store.check_open()
+        self._gops.check_open()
         numbers = [self._number(index) for index in indices]
         count = len(numbers)
         data = self._maker.empty(count, self.size)
         pts, durations = np.empty(count, np.int64), np.empty(count, np.int64)
         start = 0
         for position, group in groupby(numbers, self._reader.gop_of_frame):
-            content = self._store.get(position)
+            content = self._gops.get(position)
             inside = np.fromiter(group, np.int64) - content.first_frame
             part = slice(start, start + len(inside))
             pts[part], durations[part] = content.pts[inside], content.durations[inside]
@@ -192,7 +192,7 @@ class Decoder:
         first = self._played_at(start_seconds)
         if start_seconds == stop_seconds:
             return self.get_frames_at([])
-        last = self._store.frame_at(ceil(ticks) - 1)
+        last = self._gops.frame_at(ceil(ticks) - 1)
         return self.get_frames_at(range(first, last + 1))
 
     def streams(self) -> Iterator[tuple[StreamTags, bytes]]:
@@ -201,7 +201,7 @@ class Decoder:
         Each is a small MP4, QuickTime, Matroska or NUT file with one stream, on the clock of the
         frames' timestamps. Damaged ones are left out with a warning.
         """
-        self._store.check_open()
+        self._gops.check_open()
         for tags, chunk in zip_longest(self.metadata.tags.streams, self._reader.streams):
             if chunk is not None:
                 try:
@@ -238,17 +238,17 @@ class Decoder:
         self, seconds: Iterable[float | Fraction], size: RequestedSize | None = None
     ) -> Codes:
         """Return the pictures at several times, (F, H, W, 3), in their order; see `render`."""
-        self._store.check_open()
+        self._gops.check_open()
         pixels = self.size
         if size is not None:
             pixels = picture_size(size, self._coded_size, self._limits)
         ticks = [self.metadata.shown(moment) for moment in seconds]
         data, start = self._maker.empty(len(ticks), pixels), 0
         for (position, between), group in groupby(ticks, self._place):
-            content, moments = self._store.get(position), list(group)
+            content, moments = self._gops.get(position), list(group)
             part = data[start : start + len(moments)]
             if between:
-                self._maker.fade(content, self._store.get(position + 1), moments, pixels, part)
+                self._maker.fade(content, self._gops.get(position + 1), moments, pixels, part)
             else:
                 self._maker.moments(content, moments, pixels, part)
             start += len(moments)
@@ -259,12 +259,12 @@ class Decoder:
 
         With `keep_going`, pictures of damaged GOPs are left out and counted.
         """
-        self._store.check_open()
+        self._gops.check_open()
         numbered = enumerate(map(self.metadata.shown, seconds))
         base = self._reader.header.time_base
         for (position, _), group in groupby(numbered, lambda one: self._place(one[1])):
             while batch := list(islice(group, self.batch)):
-                self._store.prefetch(position + 1)
+                self._gops.prefetch(position + 1)
                 numbers, ticks = zip(*batch, strict=True)
                 try:
                     pictures = self.render_many([tick * base for tick in ticks])
@@ -276,13 +276,13 @@ class Decoder:
 
     def starts_at(self, index: int) -> Fraction:
         """Return when a frame appears, seconds; raises as `get_frame_at`."""
-        self._store.check_open()
+        self._gops.check_open()
         number = self._number(index)
         gop = self._reader.gop_of_frame(number)
         entry, base = self._reader.gops[gop], self._reader.header.time_base
         if number == entry.first_frame:
             return entry.start_pts * base
-        return int(self._store.get(gop).pts[number - entry.first_frame]) * base
+        return int(self._gops.get(gop).pts[number - entry.first_frame]) * base
 
     def first_frame_from(self, seconds: float | Fraction) -> int:
         """Return the number of the first frame that starts at a time or later; it may be the end.
@@ -291,28 +291,28 @@ class Decoder:
             CorruptError: the GOP that plays at that time is damaged.
             ValueError: the time is not finite, or the decoder is closed.
         """
-        self._store.check_open()
+        self._gops.check_open()
         ticks = ceil(self.metadata.ticks(seconds))
         if ticks <= self._reader.gops[0].start_pts:
             return 0
-        return self._store.frame_at(ticks - 1) + 1
+        return self._gops.frame_at(ticks - 1) + 1
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
         """Yield frames `start` up to `stop`, None = to the end, with few of them in memory.
 
         With `keep_going`, frames that are damaged or lost are left out and counted.
         """
-        self._store.check_open()
+        self._gops.check_open()
         stop = len(self) if stop is None else min(stop, len(self))
         batch = self.batch
         while start < stop:
-            end = min(self._store.run_end(start), start + batch, stop)
+            end = min(self._gops.run_end(start), start + batch, stop)
             try:
-                if self._store.run_end(start) < stop:
-                    self._store.prefetch(self._reader.gop_of_frame(start) + 1)
+                if self._gops.run_end(start) < stop:
+                    self._gops.prefetch(self._reader.gop_of_frame(start) + 1)
                 frames = self.get_frames_at(range(start, end))
             except CorruptError as error:
-                end = min(self._store.run_end(start), stop)
+                end = min(self._gops.run_end(start), stop)
                 self._lose(end - start, f"frames {start} to {end - 1}", error)
             else:
                 yield from frames
@@ -320,7 +320,7 @@ class Decoder:
 
     def _place(self, ticks: Fraction) -> tuple[int, bool]:
         """Return the position of the GOP that plays, and whether it fades into the next one."""
-        return self._store.position_at(ticks), self._store.is_between(ticks)
+        return self._gops.position_at(ticks), self._gops.is_between(ticks)
 
     def _lose(self, count: int, what: str, error: CorruptError) -> None:
         """Count and report pictures that are left out, or raise the `error` that costs them."""
@@ -352,8 +352,8 @@ class Decoder:
 
     def _played_at(self, seconds: float | Fraction) -> int:
         """Return the number of the frame on screen at a time."""
-        self._store.check_open()
-        return self._store.frame_at(floor(self.metadata.shown(seconds)))
+        self._gops.check_open()
+        return self._gops.frame_at(floor(self.metadata.shown(seconds)))
 
 
 def open(

@@ -1,18 +1,22 @@
-"""GOPs of an open file: found by frame or time, unpacked when needed, kept for a while."""
+"""Cache of decoded GOPs: found by frame or time, unpacked on demand, the last ones kept."""
 
 from __future__ import annotations
 
 import os
 from bisect import bisect_right
 from collections import OrderedDict
+from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from threading import Lock
 
 import numpy as np
 
+from gsvrcodec.bitstream.background_head import BackgroundEntry
 from gsvrcodec.bitstream.background_payload import unpack_background
+from gsvrcodec.bitstream.chunk import ChunkEntry
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
@@ -20,19 +24,19 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.background import Background, append_background
 from gsvrcodec.model.pyramid import by_level
 
-#: Enough for a few readers at different places of one film.
+#: GOPs kept in memory: enough for a few threads that read at different positions.
 CACHED_GOPS = 4
 
 
-class GopStore:
-    """The GOPs of a file, those used last in memory. Safe to use from several threads.
+class GopCache:
+    """Unpacked GOPs of a file; the `CACHED_GOPS` used last stay in memory. Thread-safe.
 
-    GOPs are unpacked by a thread of the store's own, so that the next one can be made ready while
-    the frames of this one are rendered.
+    A thread of the cache unpacks GOPs, so that the next GOP can be unpacked while frames of the
+    current GOP are rendered.
     """
 
     def __init__(self, path: str | os.PathLike[str], limits: Limits | None) -> None:
-        """Open a file; raises what `GsvrReader` does."""
+        """Open the file at `path`. Raises as `GsvrReader`."""
         self._limits = limits or Limits.from_environment()
         self.reader = GsvrReader(path, self._limits)
         self._first_frames = [entry.first_frame for entry in self.reader.gops]
@@ -44,11 +48,11 @@ class GopStore:
         self._closed = False
 
     def get(self, position: int) -> GopContent:
-        """Return the GOP at `position` of the reader's GOPs.
+        """Return GOP `position` of the reader, with the Gaussians of its background appended.
 
         Raises:
-            CorruptError: it is damaged; chunk and offset are named.
-            ValueError: the file is closed.
+            CorruptError: The GOP or its background is damaged; chunk and offset are named.
+            ValueError: The file is closed.
         """
         try:
             return self._future(position).result()
@@ -57,29 +61,29 @@ class GopStore:
             raise
 
     def prefetch(self, position: int) -> None:
-        """Begin to unpack the GOP at `position`, if there is one, and return at once."""
+        """Start to unpack GOP `position`, if the file has one, and return at once."""
         if position < len(self.reader.gops):
             self._future(position)
 
     def position_at(self, ticks: int | Fraction) -> int:
-        """Return the position of the GOP that plays at a time; the first one's before it starts."""
+        """Return the position of the GOP shown at a time; 0 before the first GOP."""
         return max(0, bisect_right(self._start_pts, ticks) - 1)
 
     def is_between(self, ticks: int | Fraction) -> bool:
-        """Whether a time is after the last frame of one GOP and before the first of the next."""
+        """Whether a time lies between the last frame of one GOP and the first of the next."""
         position = self.position_at(ticks)
         gops = self.reader.gops[position : position + 2]
         joined = len(gops) == 2 and gops[0].end_frame == gops[1].first_frame
         return joined and ticks > gops[0].last_pts
 
     def frame_at(self, ticks: int) -> int:
-        """Return the last frame that starts at `ticks` or before, not before the first frame."""
+        """Return the number of the frame shown at `ticks`; of the first frame before it starts."""
         content = self.get(self.position_at(ticks))
         inside = int(np.searchsorted(content.pts, ticks, side="right")) - 1
         return content.first_frame + max(0, inside)
 
     def run_end(self, frame: int) -> int:
-        """Return where the run of frames that `frame` belongs to ends: one GOP, or one gap."""
+        """Return the end of the run of frames that holds `frame`: of a GOP, or of a gap."""
         after = bisect_right(self._first_frames, frame)
         if after and frame < self.reader.gops[after - 1].end_frame:
             return self.reader.gops[after - 1].end_frame
@@ -91,7 +95,7 @@ class GopStore:
             raise ValueError("the decoder is closed")
 
     def close(self) -> None:
-        """Forget everything and close the file."""
+        """Drop all GOPs and close the file."""
         with self._lock:
             self._closed = True
         self._unpacker.shutdown(cancel_futures=True)
@@ -100,7 +104,7 @@ class GopStore:
             self.reader.close()
 
     def _future(self, position: int) -> Future[GopContent]:
-        """The GOP, or its promise, as the one used last."""
+        """Return the future of GOP `position` and mark the GOP as used last."""
         with self._lock:
             self.check_open()
             if position not in self._cache:
@@ -111,28 +115,31 @@ class GopStore:
             return self._cache[position]
 
     def _unpacked(self, position: int) -> GopContent:
-        """Read and unpack a GOP, with what it shows of its background."""
+        """Read and unpack a GOP, and append the Gaussians of its background that it shows."""
+        chunk = self.reader.gops[position].chunk
         payload = self.reader.read_gop(position)
-        try:
+        with _located(chunk):
             content = unpack_gop(payload, self.reader.header, self._limits)
-            gop = content.gop
-            if content.shown is not None:
-                gop = append_background(
-                    gop, self._background(content.background, position), content.shown
-                )
-        except CorruptError as error:
-            chunk = self.reader.gops[position].chunk
-            raise error.located(chunk.name, chunk.offset) from error
+        gop = content.gop
+        if content.shown is not None:
+            with _located(chunk):
+                entry = self.reader.find_background(content.background, position)
+            with _located(entry.chunk):
+                gop = append_background(gop, self._background(entry), content.shown)
         return replace(content, gop=by_level(gop))
 
-    def _background(self, number: int, position: int) -> Background:
-        """The background that a GOP calls `number`; only the unpacker's thread calls this."""
-        if self._last_background is None or self._last_background.number != number:
-            chunk = self.reader.find_background(number, position).chunk
-            try:
-                self._last_background = unpack_background(
-                    self.reader.read_chunk(chunk), self._limits
-                )
-            except CorruptError as error:
-                raise error.located(chunk.name, chunk.offset) from error
+    def _background(self, entry: BackgroundEntry) -> Background:
+        """Return a background, unpacked once for all GOPs in a row; for the unpacking thread."""
+        if self._last_background is None or self._last_background.number != entry.number:
+            payload = self.reader.read_chunk(entry.chunk)
+            self._last_background = unpack_background(payload, self._limits)
         return self._last_background
+
+
+@contextmanager
+def _located(chunk: ChunkEntry) -> Iterator[None]:
+    """Add type and offset of `chunk` to a `CorruptError` of the block that names no place."""
+    try:
+        yield
+    except CorruptError as error:
+        raise error.located(chunk.name, chunk.offset) from error

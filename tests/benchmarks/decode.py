@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import gsvrcodec
-from gsvrcodec.decoder.gop_cache import GopStore
+from gsvrcodec.decoder.gop_cache import GopCache
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
@@ -100,9 +100,9 @@ def render_only(path: Path, threads: int) -> Callable[[], object]:
     """A call that renders all frames from GOPs unpacked before."""
     with gsvrcodec.open(path) as decoder:
         size = (decoder.metadata.width, decoder.metadata.height)
-    store = GopStore(path, None)
-    gops = [store.get(position) for position in range(len(store.reader.gops))]
-    store.close()
+    cache = GopCache(path, None)
+    gops = [cache.get(position) for position in range(len(cache.reader.gops))]
+    cache.close()
 
     def call() -> None:
         for content in gops:

@@ -14,11 +14,14 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec import Decoder, Frame, FrameBatch
+from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE, GOP_TYPE
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.gop_cache import CACHED_GOPS
 from gsvrcodec.errors import CorruptError, InputError, LimitError, NotGsvrError
 from tests import making
 from tests.decoder.film import STEPS, TIMES
+from tests.gops import make_background, make_file, make_payload
+from tests.tampering import Piece, joined, patched, pieces
 from tests.vectors.make import VALID
 
 
@@ -77,7 +80,7 @@ class TestFrames:
 
     def test_few_gops_in_memory(self, decoder: Decoder) -> None:
         for _ in decoder:
-            assert len(decoder._store._cache) <= CACHED_GOPS
+            assert len(decoder._gops._cache) <= CACHED_GOPS
 
     def test_range_while_streaming(self, decoder: Decoder, sequence: list[Frame]) -> None:
         part = list(decoder.frames(4, 11))
@@ -294,3 +297,37 @@ class TestBadFiles:
         with gsvrcodec.open(damaged, keep_going=True) as decoder:
             assert [frame.index for frame in decoder] == [6, 7, 8, 9, 10, 11]
             assert decoder.lost_frames == 6
+
+    @pytest.mark.parametrize(
+        ("offset", "value", "says"),
+        [(8, 7, "7 planes, expected 8"), (4, 39, "has 39 Gaussians, the GOP expects 40")],
+        ids=["planes", "gaussians"],
+    )
+    def test_a_fault_in_a_background_is_reported_there(
+        self, tmp_path: Path, offset: int, value: int, says: str
+    ) -> None:
+        sound = make_file(
+            [make_payload(6, background=3, shown=np.arange(40) % 2 == 0)],
+            backgrounds={0: make_background(3, 40)},
+        )
+        path = tmp_path / "a.gsvr"
+        path.write_bytes(patched(sound, BACKGROUND_TYPE, offset, "I", value))
+        with GsvrReader(path) as reader:
+            (background,) = reader.backgrounds
+        with gsvrcodec.open(path) as decoder, pytest.raises(CorruptError, match=says) as caught:
+            decoder[0]
+        assert (caught.value.chunk, caught.value.offset) == ("SCNE", background.chunk.offset)
+
+    def test_a_background_behind_its_gop_is_refused_in_any_order(self, tmp_path: Path) -> None:
+        shown = np.arange(40) % 2 == 0
+        early = make_payload(6)
+        late = make_payload(6, first_frame=3, start_pts=120, background=3, shown=shown)
+        chunks = pieces(make_file([early, late], backgrounds={1: make_background(3, 40)}))
+        gop = next(n for n, piece in enumerate(chunks) if piece.type == GOP_TYPE)
+        chunks[gop] = Piece(GOP_TYPE, make_payload(6, background=3, shown=shown))
+        path = tmp_path / "a.gsvr"
+        path.write_bytes(joined(chunks))
+        with gsvrcodec.open(path) as decoder:
+            assert decoder[3].index == 3
+            with pytest.raises(CorruptError, match="chunk GOPD at byte 98: background 3 is lost"):
+                decoder[0]

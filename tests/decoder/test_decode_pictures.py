@@ -80,7 +80,7 @@ class TestRender:
         times = [Fraction(1000 + 317 * n, 90_000) for n in range(480)]
         for count, (number, picture) in enumerate(decoder.rendered(iter(times))):
             assert number == count
-            assert len(decoder._store._cache) <= CACHED_GOPS
+            assert len(decoder._gops._cache) <= CACHED_GOPS
             if not number % 37:
                 assert np.array_equal(picture, decoder.render(times[number]))
         assert count == 479
