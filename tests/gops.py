@@ -15,6 +15,7 @@ from gsvrcodec.bitstream.gop_payload import GopContent, pack_gop, unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
+from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.background import append_background
 from gsvrcodec.model.gop import Float32Array, Gop
@@ -130,10 +131,13 @@ def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
     limits = limits or Limits()
     with GsvrReader(io.BytesIO(data), limits) as reader:
         reader.settings()
-        contents = [
-            unpack_gop(reader.read_gop(position), reader.header, limits)
-            for position in range(len(reader.gops))
-        ]
+        contents = []
+        for position, entry in enumerate(reader.gops):
+            try:
+                content = unpack_gop(reader.read_gop(position), reader.header, limits)
+            except CorruptError as error:
+                raise error.located(entry.chunk.name, entry.offset) from error
+            contents.append(content)
         for number, content in enumerate(contents):
             if content.shown is not None:
                 chunk = reader.find_background(content.background, number).chunk

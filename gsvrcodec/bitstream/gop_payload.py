@@ -1,4 +1,4 @@
-"""A GOP as bytes and back: head, timing, plane table, planes (spec section "GOP chunk")."""
+"""Payload of a GOP chunk: head, timing, plane table, planes (spec section "GOP chunk")."""
 
 from __future__ import annotations
 
@@ -25,16 +25,15 @@ from gsvrcodec.planes import PACKS, Codec
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GopContent:
-    """What a GOP chunk holds."""
+    """Decoded content of a GOP chunk."""
 
-    gop: Gop  #: its Gaussians and their deformation
-    first_frame: int  #: number of its first frame in the file
+    gop: Gop  #: Gaussians and deformation field
+    first_frame: int  #: number of the GOP's first frame in the file
     pts: Ticks  #: (F,) presentation timestamps, ticks, strictly increasing
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
-    background: int = 0  #: number of the background whose Gaussians are drawn as well; 0 = none
-    shown: NDArray[np.bool_] | None = (
-        None  #: which of them, (N of the background,); None = no background
-    )
+    background: int = 0  #: number of the background that the GOP shows; 0 = none
+    #: (Gaussians of the background,) which of them the GOP shows; None = no background
+    shown: NDArray[np.bool_] | None = None
 
 
 def pack_gop(
@@ -51,14 +50,15 @@ def pack_gop(
     """Quantise, sort and code a GOP into the payload of its chunk.
 
     Args:
-        gop: What to store; all values finite.
-        pts: GopShape (F,), strictly increasing, ticks.
-        durations: GopShape (F,), ticks, 0 = not known.
-        first_frame: Number of its first frame in the file.
-        precision: Bits of each attribute (1 to 16), or steps of its components.
+        gop: The GOP to store; all values finite.
+        pts: Shape (F,), strictly increasing, ticks.
+        durations: Shape (F,), ticks, 0 = not known.
+        first_frame: Number of the GOP's first frame in the file.
+        precision: Bits (1 to 16) of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
-        background: Number of the background whose Gaussians it shows as well; 0 = none.
-        shown: Which of them, in the background's stored order; None = no background.
+        background: Number of the background that the GOP shows; 0 = none.
+        shown: Shape (Gaussians of the background,), which of them the GOP shows, in stored order;
+            None = no background.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
@@ -90,18 +90,21 @@ def pack_gop(
 
 
 def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
-    """Decode the payload of a GOP chunk; needs nothing else of the file but its header.
+    """Decode the payload of a GOP chunk.
 
-    The Gaussians of its background are not among the result; see `gsvrcodec.model.background`.
+    The result is without the Gaussians of the background; `append_background` adds them.
+
+    Args:
+        payload: Of the GOP chunk.
+        header: Of the file; no maximum of the header may be exceeded.
+        limits: What to accept.
 
     Raises:
-        CorruptError: The payload breaks a rule of the spec.
-        UnsupportedError: It uses a codec or attribute that this version does not know.
-        LimitError: It is over `limits`.
+        CorruptError: The payload breaks a rule of the spec, or exceeds a maximum of the header.
+        UnsupportedError: The payload uses a codec or attribute that this version does not know.
+        LimitError: The GOP is over `limits`.
     """
-    head = parse_gop_head(payload)
-    head.check_maxima(header)
-    pts, durations, entries, offset = _parse(payload, head, limits)
+    head, pts, durations, entries, offset = _parse(payload, header, limits)
     shape = _shape(head)
     values = unpack_planes(entries, payload, offset, shape, limits)
     shown = values.pop(SHOWN.name, None)
@@ -115,21 +118,17 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     )
 
 
-def plane_table(payload: bytes, limits: Limits | None = None) -> tuple[PlaneEntry, ...]:
-    """What is in the payload of a GOP chunk, plane by plane, without decoding any.
-
-    Raises:
-        CorruptError: The payload breaks a rule of the spec before its planes.
-        UnsupportedError: It uses a codec or attribute that this version does not know.
-    """
-    head = parse_gop_head(payload)
-    return _parse(payload, head, limits or Limits.from_environment())[2]
+def plane_table(payload: bytes, header: Header, limits: Limits) -> tuple[PlaneEntry, ...]:
+    """The plane table of a GOP chunk's payload; no plane is decoded. Raises as `unpack_gop`."""
+    return _parse(payload, header, limits)[3]
 
 
 def _parse(
-    payload: bytes, head: GopHead, limits: Limits
-) -> tuple[Ticks, Ticks, tuple[PlaneEntry, ...], int]:
-    """Timing, plane table and the offset of the first plane; the planes end with the payload."""
+    payload: bytes, header: Header, limits: Limits
+) -> tuple[GopHead, Ticks, Ticks, tuple[PlaneEntry, ...], int]:
+    """Head, timestamps, durations, plane table, and the offset of the first plane."""
+    head = parse_gop_head(payload)
+    head.check_maxima(header)
     limits.check("gaussians", head.most_drawn, "the number of Gaussians in a GOP")
     limits.check("gop_frames", head.frames, "the number of frames in a GOP")
     pts, durations, offset = unpack_timing(payload, GOP_HEAD_BYTES, head.start_pts, head.frames)
@@ -139,7 +138,7 @@ def _parse(
             f"the GOP's head says {head.last_pts} for {head.last_duration}"
         )
     entries, offset = parse_plane_table(payload, offset, head.planes, _shape(head).planes())
-    return pts, durations, entries, offset
+    return head, pts, durations, entries, offset
 
 
 def _shape(head: GopHead) -> GopShape:
@@ -147,7 +146,7 @@ def _shape(head: GopHead) -> GopShape:
 
 
 def _gop(values: dict[str, Float32Array], head: GopHead) -> Gop:
-    """The GOP of these values; attributes that had no plane are empty."""
+    """The GOP of decoded values; attributes without a plane become empty arrays."""
     gx, gy, gt = head.grid
     sizes = {"gaussians": (head.gaussians,), "xy": (gy, gx), "xt": (gt, gx), "yt": (gt, gy)}
     for attribute in ATTRIBUTES:

@@ -33,7 +33,7 @@ from gsvrcodec.bitstream.chunk import (
     is_critical,
     parse_chunk_head,
 )
-from gsvrcodec.bitstream.gop_head import SUMMARY_BYTES, GopEntry, parse_gop_head
+from gsvrcodec.bitstream.gop_head import SUMMARY_BYTES, GopEntry
 from gsvrcodec.bitstream.header import Header, parse_header
 from gsvrcodec.bitstream.index import END_CHUNK_BYTES, parse_end, parse_index
 from gsvrcodec.bitstream.recovery import walk
@@ -150,21 +150,22 @@ class GsvrReader:
         return position
 
     def read_gop(self, position: int) -> bytes:
-        """The payload of `gops[position]`, checked against its CRC, its entry and the header.
+        """The payload of `gops[position]`, checked against its CRC and its index entry.
+
+        `unpack_gop` parses the payload and checks the rest.
 
         Raises:
-            CorruptError: It is damaged, does not match the index, or is over the header's maxima.
-            LimitError: It is over the reader's limits.
+            CorruptError: The chunk is damaged or does not match the index.
+            LimitError: The chunk is over the reader's limits.
         """
         entry = self._gops[position]
         payload = self.read_chunk(entry.chunk)
-        try:
-            head = parse_gop_head(payload)
-            if payload[:SUMMARY_BYTES] != entry.summary_bytes():
-                raise CorruptError("the GOP is not the one that the index names")
-            head.check_maxima(self._header)
-        except CorruptError as error:
-            raise error.located(entry.chunk.name, entry.offset) from None
+        if payload[:SUMMARY_BYTES] != entry.summary_bytes():
+            raise CorruptError(
+                "the GOP is not the one that the index names",
+                chunk=entry.chunk.name,
+                offset=entry.offset,
+            )
         return payload
 
     def find_background(self, number: int, position: int) -> BackgroundEntry:

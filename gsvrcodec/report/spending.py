@@ -93,7 +93,7 @@ def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[P
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)
-            yield payload, plane_table(payload, limits)
+            yield payload, plane_table(payload, reader.header, limits)
     for background in reader.backgrounds:
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_chunk(background.chunk)

@@ -108,7 +108,7 @@ class TestPack:
 class TestPlaneTable:
     def test_says_what_is_in_a_gop(self) -> None:
         payload = make_payload(50, (4, 3, 2), pack="auto")
-        entries = plane_table(payload)
+        entries = plane_table(payload, HEADER, Limits())
         assert len(entries) == 37
         assert [entry.name for entry in entries[:5]] == [
             "position.0",
@@ -123,7 +123,7 @@ class TestPlaneTable:
         assert sum(entry.size for entry in entries) < len(payload)
 
     def test_is_empty_without_gaussians(self) -> None:
-        assert plane_table(make_payload(0)) == ()
+        assert plane_table(make_payload(0), HEADER, Limits()) == ()
 
 
 class TestUnpack:

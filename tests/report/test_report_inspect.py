@@ -10,6 +10,7 @@ import pytest
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, NotGsvrError
+from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
@@ -72,10 +73,11 @@ class TestBytes:
         planes: dict[str, int] = {}
         with GsvrReader(path) as reader:
             payloads = [reader.read_gop(position) for position in range(3)]
+            header = reader.header
             framing = 8 + 20 * len(reader.chunks)
             framing += sum(c.size for c in reader.chunks if c.type in (b"HEAD", b"indx", b"fend"))
         for payload in payloads:
-            for entry in plane_table(payload):
+            for entry in plane_table(payload, header, Limits()):
                 name = entry.attribute.name
                 planes[name] = planes.get(name, 0) + entry.size
         assert {name: items[name].bytes for name in planes} == planes
