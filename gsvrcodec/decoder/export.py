@@ -15,7 +15,7 @@ from typing import Any
 from gsvrcodec.decoder.decoder import Decoder
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.decoder.pictures import RequestedSize
-from gsvrcodec.decoder.schedule import Number, Schedule, Shot, schedule
+from gsvrcodec.decoder.schedule import Number, Schedule, TimedPicture, schedule
 from gsvrcodec.errors import CorruptError, UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
@@ -129,10 +129,10 @@ def decode(
         done = 0
         with (
             open_writer(dst, info, muxer=muxer, overwrite=overwrite, source=src) as writer,
-            closing(_ahead(plan.shots(decoder), decoder.batch)) as shots,
+            closing(_ahead(plan.pictures(decoder), decoder.batch)) as pictures,
         ):
-            for shot in shots:
-                writer.write(shot.data, shot.pts, shot.duration)
+            for picture in pictures:
+                writer.write(picture.data, picture.pts, picture.duration)
                 done += 1
                 if progress is not None:
                     progress(done, plan.total)
@@ -145,14 +145,14 @@ def decode(
         )
 
 
-def _ahead(shots: Iterator[Shot], count: int) -> Generator[Shot, None, None]:
-    """Yield what `shots` does; a thread makes the next `count` while the caller has the last."""
+def _ahead(pictures: Iterator[TimedPicture], count: int) -> Generator[TimedPicture, None, None]:
+    """Yield what `pictures` does; a thread makes the next `count` while the caller has the last."""
     with ThreadPoolExecutor(1, "gsvr-render") as worker:
         try:
-            coming = deque(worker.submit(next, shots, None) for _ in range(count))
-            while (shot := coming.popleft().result()) is not None:
-                coming.append(worker.submit(next, shots, None))
-                yield shot
+            coming = deque(worker.submit(next, pictures, None) for _ in range(count))
+            while (picture := coming.popleft().result()) is not None:
+                coming.append(worker.submit(next, pictures, None))
+                yield picture
         finally:
             worker.shutdown(cancel_futures=True)
 

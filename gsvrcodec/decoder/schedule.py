@@ -22,7 +22,7 @@ _MAX_RATE = 1000
 Number = float | Fraction
 
 
-class Shot(NamedTuple):
+class TimedPicture(NamedTuple):
     """A picture and when it is shown."""
 
     data: Codes  #: (H, W, 3)
@@ -61,7 +61,7 @@ class Schedule(Protocol):
     def speed(self) -> Fraction:
         """Seconds of the film that pass in one second."""
 
-    def shots(self, decoder: Decoder) -> Iterator[Shot]:
+    def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
         """Make the pictures; a decoder that keeps going leaves out those that are damaged."""
 
 
@@ -86,10 +86,10 @@ class StoredFrames:
         """Number of the first frame, from 0."""
         return self.frames.start
 
-    def shots(self, decoder: Decoder) -> Iterator[Shot]:
+    def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
         """Make the pictures."""
         for frame in decoder.frames(self.frames.start, self.frames.stop):
-            yield Shot(frame.data, frame.pts, frame.duration)
+            yield TimedPicture(frame.data, frame.pts, frame.duration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +114,13 @@ class SteadyRate:
         a, b = first.numerator * step.denominator, step.numerator * first.denominator
         return Fraction(gcd(a, b), first.denominator * step.denominator)
 
-    def shots(self, decoder: Decoder) -> Iterator[Shot]:
+    def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
         """Make the pictures."""
         first = int(self.start / self.speed / self.time_base)
         step = int(1 / self.rate / self.time_base)
         times = (self.start + n * self.speed / self.rate for n in range(self.total))
         for number, picture in decoder.rendered(times):
-            yield Shot(picture, first + number * step, step)
+            yield TimedPicture(picture, first + number * step, step)
 
 
 def schedule(

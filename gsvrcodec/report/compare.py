@@ -93,10 +93,10 @@ def report(
         video = open_part(src, meta, crop, start_frame)
         pictures: list[PictureQuality] = []
         frames: list[FrameQuality] = []
-        for shot, frame in zip(video, decoder, strict=False):
-            if shot.pts * video.info.time_base != frame.pts * meta.time_base and not frames:
+        for source, frame in zip(video, decoder, strict=False):
+            if source.pts * video.info.time_base != frame.pts * meta.time_base and not frames:
                 _log.warning("the first frames have different times: is %s the source?", src)
-            picture = PictureQuality.of(shot.rgb, frame.data.astype(np.uint8, copy=False))
+            picture = PictureQuality.of(source.rgb, frame.data.astype(np.uint8, copy=False))
             pictures.append(picture)
             frames.append(
                 FrameQuality(

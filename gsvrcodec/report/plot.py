@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMATS = (".png", ".svg", ".pdf")
+PLOT_FORMATS = (".png", ".svg", ".pdf")
 
 #: One colour an encoder, one line and marker a variant of it.
 _COLOURS = {"x264": "tab:blue", "x265": "tab:orange", "svtav1": "tab:green"}
@@ -35,8 +35,8 @@ def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = Non
         UsageError: matplotlib is not installed, or the format is another.
     """
     format = format or Path(path).suffix.lower().removeprefix(".")
-    if f".{format}" not in FORMATS:
-        raise UsageError(f"{path}: a plot is written as {', '.join(FORMATS)}")
+    if f".{format}" not in PLOT_FORMATS:
+        raise UsageError(f"{path}: a plot is written as {', '.join(PLOT_FORMATS)}")
     curves = len(study.reports) > 1 or bool(study.curves)
     figure = _figure(8, 10 if curves else 4)
     if curves:

@@ -186,7 +186,7 @@ def measure(
         stream = encode_stream(
             source_frames(video.info, start, frames)
             if reference.input == "source"
-            else ycbcr_frames((shot.rgb for shot in video), video.info),
+            else ycbcr_frames((source.rgb for source in video), video.info),
             video.info,
             library.encoder,
             _options(reference, crf),
@@ -219,7 +219,7 @@ def _quality(
     """Compare a stream with its source."""
     pictures = stream.pictures(library.decoder, threads)
     return Quality.of(
-        PictureQuality.of(shot.rgb, rgb) for shot, rgb in zip(video, pictures, strict=True)
+        PictureQuality.of(source.rgb, rgb) for source, rgb in zip(video, pictures, strict=True)
     )
 
 

@@ -16,7 +16,7 @@ from av.stream import Stream
 
 from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.video.probe import demuxed
-from gsvrcodec.video.streams import FORMATS, place
+from gsvrcodec.video.streams import DEMUXERS, place
 from gsvrcodec.video.tags import write_stream_tags
 from gsvrcodec.video.timing import Span
 
@@ -33,10 +33,10 @@ class StreamCopies:
             streams: what each is, and a container with nothing else, as `copy_streams` makes it.
             span: packets that lie outside are left out.
         """
-        self._copies: list[_Copy] = []
+        self._copies: list[_StoredStream] = []
         for tags, payload in streams:
             try:
-                self._copies.append(_Copy(payload, tags, span))
+                self._copies.append(_StoredStream(payload, tags, span))
             except (av.FFmpegError, ValueError, IndexError) as error:
                 _log.warning("a copied stream cannot be read and is left out: %s", error)
 
@@ -66,7 +66,7 @@ class StreamCopies:
             copy.close()
 
 
-class _Copy:
+class _StoredStream:
     """One stream."""
 
     def __init__(self, payload: bytes, tags: StreamTags, span: Span) -> None:
@@ -154,9 +154,9 @@ def _demuxer(payload: bytes) -> str:
         ValueError: it is none of those that streams are kept in.
     """
     if payload[4:8] == b"ftyp":
-        return FORMATS["mp4"]
+        return DEMUXERS["mp4"]
     if payload.startswith(b"\x1aE\xdf\xa3"):
-        return FORMATS["matroska"]
+        return DEMUXERS["matroska"]
     if payload.startswith(b"nut/multimedia container\0"):
-        return FORMATS["nut"]
+        return DEMUXERS["nut"]
     raise ValueError("it is neither MP4 nor Matroska nor NUT")

@@ -31,7 +31,7 @@ from gsvrcodec.video.timing import Span
 _log = logging.getLogger(__name__)
 
 #: Demuxer of each container that a stream may be kept in.
-FORMATS = {"mp4": "mov", "mov": "mov", "matroska": "matroska", "nut": "nut"}
+DEMUXERS = {"mp4": "mov", "mov": "mov", "matroska": "matroska", "nut": "nut"}
 
 _MILLISECOND = Fraction(1, 1000)
 _MAX_TIMESCALE = 2**31 - 1
@@ -71,8 +71,8 @@ def copy_streams(
     path = Path(path)
     with opened(path) as (container, _), ExitStack() as files:
         indices = [stream.index for stream in container.streams if stream.type in kinds]
-        copies: dict[int, _Copy] = {}
-        for choice in range(len(FORMATS)):
+        copies: dict[int, _TrialCopy] = {}
+        for choice in range(len(DEMUXERS)):
             left = [index for index in indices if index not in copies or not copies[index].exact]
             for index, copy in _attempt(path, left, choice, span, files).items():
                 if index not in copies or copy.difference < copies[index].difference:
@@ -87,9 +87,9 @@ def copy_streams(
 
 def _attempt(
     path: Path, indices: list[int], choice: int, span: Span, files: ExitStack
-) -> dict[int, _Copy]:
+) -> dict[int, _TrialCopy]:
     """Copy streams, each into the container that is its `choice`th; return those that worked."""
-    copies: dict[int, _Copy] = {}
+    copies: dict[int, _TrialCopy] = {}
     if not indices:
         return copies
     with opened(path) as (container, _):
@@ -98,7 +98,7 @@ def _attempt(
             assert isinstance(stream, AudioStream | SubtitleStream)
             try:
                 file = files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115
-                copies[index] = _Copy(stream, _order(stream)[choice], file)
+                copies[index] = _TrialCopy(stream, _order(stream)[choice], file)
             except (av.FFmpegError, ValueError) as error:
                 _log.debug("stream %d: %s", index, error)
         wanted = [container.streams[index] for index in copies]
@@ -115,7 +115,7 @@ def _attempt(
 
 def _order(stream: _Stream) -> list[str]:
     """Return the containers for a stream, the likeliest first."""
-    names = list(FORMATS)
+    names = list(DEMUXERS)
     if stream.time_base == _MILLISECOND:  # it comes from a Matroska file, or the like
         names.sort(key=lambda name: name != "matroska")
     return names
@@ -136,7 +136,7 @@ def place(packet: av.Packet[_Stream], span: Span) -> bool:
     return True
 
 
-class _Copy:
+class _TrialCopy:
     """One stream on its way into a container in a temporary file."""
 
     def __init__(self, stream: _Stream, container: str, file: BinaryIO) -> None:
@@ -147,7 +147,7 @@ class _Copy:
         """
         self._kind, self._codec = stream.type, stream.codec_context.name
         self._tags = stream_tags(stream)
-        self._demuxer = FORMATS[container]
+        self._demuxer = DEMUXERS[container]
         self._file = file
         options = {"fflags": "+bitexact"}  # the same stream, the same bytes
         if container == "matroska":

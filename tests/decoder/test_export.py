@@ -15,7 +15,7 @@ import pytest
 import gsvrcodec
 from gsvrcodec import Decoder
 from gsvrcodec.decoder.export import DecodeResult, _ahead
-from gsvrcodec.decoder.schedule import Shot, SteadyRate, StoredFrames, schedule
+from gsvrcodec.decoder.schedule import SteadyRate, StoredFrames, TimedPicture, schedule
 from gsvrcodec.errors import CorruptError, LimitError, OutputError, UsageError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video
 from gsvrcodec.video.plain import NullWriter
@@ -53,7 +53,7 @@ class TestSchedule:
     def test_frames_as_they_are(self, decoder: Decoder) -> None:
         plan = schedule(decoder)
         assert plan == StoredFrames(range(12), *PLAYED, BASE, Fraction(25))
-        assert [(shot.pts, shot.duration) for shot in plan.shots(decoder)] == [
+        assert [(picture.pts, picture.duration) for picture in plan.pictures(decoder)] == [
             (1280 + 512 * number, 512) for number in range(12)
         ]
 
@@ -263,12 +263,12 @@ class TestAhead:
     def test_order_is_kept_and_little_is_made(self) -> None:
         made: list[int] = []
 
-        def shots() -> Iterator[Shot]:
+        def pictures() -> Iterator[TimedPicture]:
             for number in range(1, 100):
                 made.append(number)
-                yield Shot(PICTURE, number, 1)
+                yield TimedPicture(PICTURE, number, 1)
 
-        with closing(_ahead(shots(), 7)) as ahead:
+        with closing(_ahead(pictures(), 7)) as ahead:
             for number in range(1, 41):
                 assert next(ahead).pts == number
         assert made == list(range(1, len(made) + 1))
