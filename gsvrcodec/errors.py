@@ -1,4 +1,4 @@
-"""One exception class a cause; each carries the command line's exit status for it."""
+"""Exception classes, one a cause, each with the exit code of the command line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import ClassVar
 
 
 class GsvrError(Exception):
-    """Base of every error that gsvrcodec raises on purpose."""
+    """Base class of all errors that gsvrcodec raises on purpose."""
 
     exit_code: ClassVar[int] = 1
 
@@ -20,15 +20,15 @@ class OutputError(GsvrError, OSError):
 
 
 class WorkerError(GsvrError, RuntimeError):
-    """A process that encoded a GOP died."""
+    """A worker process of the encoder died."""
 
 
 class DeviceError(GsvrError, RuntimeError):
-    """The GPU that was asked for is not usable, or its memory does not suffice."""
+    """The requested GPU is not usable, or its memory does not suffice."""
 
 
 class VerificationError(GsvrError, ValueError):
-    """What was written does not decode to what was encoded."""
+    """The written file does not decode to the encoded pictures."""
 
     exit_code: ClassVar[int] = 6
 
@@ -50,8 +50,8 @@ class CorruptError(GsvrError, ValueError):
 
     Args:
         message: What is wrong, one sentence without a full stop.
-        chunk: Type of the chunk it was found in, None = not known.
-        offset: Byte offset of that chunk in the file, None = not known.
+        chunk: Type of the chunk that breaks the rule; None = not known.
+        offset: Byte offset of that chunk in the file; None = not known.
     """
 
     exit_code: ClassVar[int] = 3
@@ -66,7 +66,7 @@ class CorruptError(GsvrError, ValueError):
         super().__init__(f"{place}: {message}" if place else message)
 
     def located(self, chunk: str, offset: int) -> CorruptError:
-        """The same error with what it did not say itself about its place."""
+        """Return the same error, with `chunk` and `offset` where they were not known."""
         return type(self)(
             self.message,
             chunk=chunk if self.chunk is None else self.chunk,
@@ -79,10 +79,10 @@ class NotGsvrError(CorruptError):
 
 
 class UnsupportedError(GsvrError, ValueError):
-    """A well-formed file needs something that this version does not have."""
+    """A valid file needs a feature that this version does not have."""
 
     exit_code: ClassVar[int] = 4
 
 
 class LimitError(UnsupportedError):
-    """A file asks for more than the decoder's limits allow; see `gsvrcodec.limits.Limits`."""
+    """A file is over the decoder's limits; see `gsvrcodec.limits.Limits`."""

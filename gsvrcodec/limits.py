@@ -1,6 +1,6 @@
-"""What a decoder is willing to do for a file (spec section "Limits").
+"""Limits of a decoder on the size of a file's content (spec section "Limits").
 
-The limits are set by the program or by the environment, never by the file.
+The program or the environment sets the limits, never the file.
 """
 
 from __future__ import annotations
@@ -11,32 +11,32 @@ from dataclasses import dataclass, fields
 
 from gsvrcodec.errors import LimitError, UsageError
 
-#: Environment variables are this prefix and the field's name in capitals: GSVR_LIMIT_WIDTH.
+#: Prefix of the environment variables; the field's name in capitals follows: GSVR_LIMIT_WIDTH.
 ENVIRONMENT_PREFIX = "GSVR_LIMIT_"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Upper bounds, inclusive; passing one is a `LimitError` before anything is allocated."""
+    """Upper bounds, inclusive; a file over one raises `LimitError` before anything is allocated."""
 
     width: int = 32768  #: coded width, pixels
     height: int = 32768  #: coded height, pixels
     pixels: int = 2**28  #: width * height
-    gaussians: int = 2**24  #: Gaussians in one GOP
+    gaussians: int = 2**24  #: Gaussians in one GOP, those of its background included
     gop_frames: int = 2**16  #: frames in one GOP
     chunks: int = 2**16  #: chunks in a file, GOPs among them
     plane_samples: int = 2**26  #: samples of one plane
-    chunk_bytes: int = 2**31 - 1  #: payload of one chunk
-    metadata_bytes: int = 2**20  #: one chunk of JSON
-    expansion_base: int = 2**26  #: bytes that any GOP payload may expand to
-    expansion_ratio: int = 4096  #: further bytes for each byte of the payload
+    chunk_bytes: int = 2**31 - 1  #: bytes of one payload
+    metadata_bytes: int = 2**20  #: bytes of one payload of JSON
+    expansion_base: int = 2**26  #: bytes that every payload may expand to
+    expansion_ratio: int = 4096  #: additional bytes for each byte of the payload
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] | None = None) -> Limits:
         """The defaults, overridden by variables such as GSVR_LIMIT_WIDTH=8192.
 
         Args:
-            environment: Variables by name, None = those of the process.
+            environment: Variables by name; None = those of the process.
 
         Raises:
             UsageError: A variable is not a whole number of at least 1.
@@ -54,7 +54,7 @@ class Limits:
         return cls(**values)
 
     def check(self, field: str, value: int, what: str) -> None:
-        """Raise a LimitError that names the limit if `value` is over the one called `field`."""
+        """Raise a LimitError if `value`, called `what` in the message, is over limit `field`."""
         limit: int = getattr(self, field)
         if value > limit:
             raise LimitError(
@@ -63,7 +63,7 @@ class Limits:
             )
 
     def check_expansion(self, expanded: int, payload: int) -> None:
-        """Refuse a payload of `payload` bytes that would grow to `expanded` bytes in memory."""
+        """Raise a LimitError if `payload` bytes would expand to too many bytes, `expanded`."""
         limit = self.expansion_base + self.expansion_ratio * payload
         if expanded > limit:
             raise LimitError(

@@ -1,4 +1,4 @@
-"""Picture quality in numbers."""
+"""Quality metrics of pictures: PSNR, SSIM, MS-SSIM."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: PSNR of equal pictures, where the formula has no value, dB.
+#: PSNR of equal pictures, for which the formula is infinite, dB.
 MAX_PSNR = 100.0
 
 #: SSIM's constants for 8-bit samples, (0.01 * 255)^2 and (0.03 * 255)^2 (Wang et al., 2004).
@@ -26,17 +26,17 @@ _SCALES = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
 @dataclass(frozen=True, slots=True)
 class Similarity:
-    """Structural similarity of two pictures, 1 = equal."""
+    """Structural similarity of two pictures; 1 = equal."""
 
     ssim: float | None  #: None = a side is shorter than SSIM's window of 11 pixels
-    ms_ssim: float | None  #: None = a side is shorter than that on the coarsest of five scales
+    ms_ssim: float | None  #: None = a side is shorter than 11 pixels on the coarsest of five scales
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     """Return the mean squared error of two 8-bit arrays of one shape.
 
     Raises:
-        ValueError: the shapes differ.
+        ValueError: The shapes differ.
     """
     _check_shapes(a, b)
     difference = np.subtract(a, b, dtype=np.float64).ravel()
@@ -58,17 +58,17 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 def similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Similarity:
     """Return SSIM and MS-SSIM of the luma of two pictures.
 
-    As published: a Gaussian window of 11x11 pixels that lies wholly inside the picture, population
-    variances, the mean over all its places; for MS-SSIM five scales, each half the one before by
-    the mean of 2x2 pixels. Luma is 0.299 R + 0.587 G + 0.114 B, not rounded. A scale whose mean
-    structure is negative counts as 0.
+    As published: a Gaussian window of 11x11 pixels, population variances, the mean over all
+    positions of the window inside the picture. MS-SSIM has five scales, each half the size of the
+    one before by the mean of 2x2 pixels; a negative mean structure of a scale counts as 0. Luma is
+    0.299 R + 0.587 G + 0.114 B, not rounded.
 
     Args:
         a: (H, W, 3) uint8, red, green, blue.
-        b: the other picture, of the same shape.
+        b: The other picture, of the same shape.
 
     Raises:
-        ValueError: the shapes differ, or are not those of RGB pictures.
+        ValueError: The shapes differ, or are not those of RGB pictures.
     """
     _check_shapes(a, b)
     if a.ndim != 3 or a.shape[2] != 3:
@@ -98,14 +98,14 @@ def _luma(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _halved(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the means of 2x2 samples; a last odd row or column is left out."""
+    """Return the means of 2x2 samples; an odd last row or column is dropped."""
     height, width = x.shape[0] // 2 * 2, x.shape[1] // 2 * 2
     x = x[:height, :width]
     return (x[::2, ::2] + x[1::2, ::2] + x[::2, 1::2] + x[1::2, 1::2]) * np.float32(0.25)
 
 
 def _blurred(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the weighted means of all windows that lie inside."""
+    """Return the weighted means over all windows that lie inside the picture."""
     taps = cv2.getGaussianKernel(_WINDOW, _SIGMA, cv2.CV_32F)
     half = _WINDOW // 2
     means = np.asarray(cv2.sepFilter2D(x, cv2.CV_32F, taps, taps), np.float32)
@@ -113,8 +113,8 @@ def _blurred(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _ssim(x: NDArray[np.float32], y: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the mean SSIM, and the mean of its contrast and structure alone."""
-    # Moments about a level near the mean: float32 then loses nothing to cancellation.
+    """Return the mean SSIM, and the mean of its contrast-structure term."""
+    # Moments about a level near the mean, against cancellation in float32.
     level = np.float32((x.mean(dtype=np.float64) + y.mean(dtype=np.float64)) / 2)
     x, y = x - level, y - level
     mean_x, mean_y = _blurred(x), _blurred(y)

@@ -1,1 +1,1 @@
-"""The file format: chunks, header, index, and the payloads of GOPs and backgrounds."""
+"""The bitstream: chunks, header, index, recovery, payloads of GOPs and backgrounds."""

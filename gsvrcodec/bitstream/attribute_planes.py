@@ -1,4 +1,4 @@
-"""Planes of a GOP or a background: values quantised, coded one by one, and back."""
+"""Parameter planes of a GOP or a background: quantisation and plane coding, both ways."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def pack_planes(
     codecs: Collection[Codec],
     attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
 ) -> tuple[int, bytes]:
-    """Quantise and code planes.
+    """Quantise the values of attributes and code them as planes.
 
     Args:
-        values: Samples of each attribute, components in the last axis; Gaussians in stored order.
-        shape: Of the planes.
-        precision: Bits of each attribute, or steps of its components.
+        values: By attribute name; components in the last axis, Gaussians in stored order.
+        shape: Number of Gaussians and size of the tri-plane, which set the plane sizes.
+        precision: Bits of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
-        attributes: Those to store, in the order of the table.
+        attributes: Attributes to store, in table order.
 
     Returns:
-        How many planes there are; plane table and planes.
+        Number of planes, and the bytes of plane table and planes.
 
     Raises:
-        ValueError: A value is out of the spec's bounds.
+        ValueError: A value is not finite or out of the spec's bounds.
     """
     table: list[bytes] = []
     planes: list[bytes] = []
@@ -45,7 +45,7 @@ def pack_planes(
     for attribute, part, width, height in shape.planes(attributes):
         samples = component(values[attribute.name], attribute, part)
         quantiser = quantiser_of(samples, attribute, part, precision)
-        # The last one again in the cells that are not filled; decoders drop them.
+        # Pad the last row with the last sample; decoders drop the padding.
         samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
         codes = quantiser.quantise(samples).reshape(height, width)
         stack = stacks[attribute.grid]
@@ -65,15 +65,15 @@ def unpack_planes(
     limits: Limits,
     attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
 ) -> dict[str, Float32Array]:
-    """Decode the planes that lie from `offset` of a payload to its end.
+    """Decode and dequantise the planes of a payload, from byte `offset` to its end.
 
     Returns:
-        Samples of each attribute: (N,) of Gaussians or (rows, columns) of a grid, with components
-        in a last axis where there are more than one.
+        Values by attribute name: shape (N,) for Gaussians, (rows, columns) for a grid, with the
+        components in a last axis if an attribute has more than one.
 
     Raises:
         CorruptError: A plane breaks a rule of the spec.
-        LimitError: They are over `limits`.
+        LimitError: A plane, or all planes together, are over `limits`.
     """
     limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
     for entry in entries:
@@ -113,11 +113,11 @@ def unpack_planes(
 
 
 def _plane_stacks(shape: GopShape, attributes: Sequence[Attribute]) -> dict[GridKind, PlaneStack]:
-    """An empty stack for the planes of each grid."""
+    """An empty `PlaneStack` for each grid that has planes."""
     count = Counter(attribute.grid for attribute, *_ in shape.planes(attributes))
     stacks = {}
     for kind, planes in count.items():
         width, height = shape.plane_size(kind)
-        # Along a row of Gaussians x rises, from the left to the right of the picture.
+        # In a row of Gaussians x rises, so position.x guides codec 4 to the neighbours above.
         stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
     return stacks

@@ -17,27 +17,27 @@ BACKGROUND_HEAD_BYTES = _HEAD.size
 class BackgroundHead:
     """The first 12 bytes of a background's payload."""
 
-    number: int  #: by which GOPs name it, from 1, ascending in the file
-    gaussians: int  #: how many it has, at least 1
+    number: int  #: number by which GOPs refer to the background; from 1, ascending in the file
+    gaussians: int  #: Gaussians in the background, at least 1
     planes: int  #: entries of the plane table
 
     def to_bytes(self) -> bytes:
-        """The head as it stands in the file."""
+        """The 12 bytes of the head."""
         return _HEAD.pack(self.number, self.gaussians, self.planes)
 
 
 @dataclass(frozen=True, slots=True)
 class BackgroundEntry(BackgroundHead):
-    """A background of a file and where it lies."""
+    """Head of a background and the place of its chunk in the file."""
 
     chunk: ChunkEntry
 
 
 def parse_background_head(payload: bytes) -> BackgroundHead:
-    """Read the first 12 bytes of a background's payload and check them by themselves.
+    """Parse the head at the start of a background's payload.
 
     Raises:
-        CorruptError: They are not all there, or break a rule of the spec.
+        CorruptError: The payload is shorter than the head, or a field breaks a rule of the spec.
     """
     if len(payload) < BACKGROUND_HEAD_BYTES:
         raise CorruptError(

@@ -1,4 +1,4 @@
-"""A background as bytes and back: head, plane table, planes (spec section "Background chunk")."""
+"""Payload of a background chunk: head, plane table, planes (spec "Background chunk")."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def pack_background(
     """Quantise, sort and code a background into the payload of its chunk.
 
     Args:
-        number: By which GOPs name it, from 1.
-        gop: Its Gaussians, at least one; their motion is not looked at.
-        precision: Bits of each attribute, or steps of its components.
+        number: Number by which GOPs refer to the background, from 1.
+        gop: The Gaussians, at least one; motion and tri-plane are ignored.
+        precision: Bits of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
 
     Raises:
@@ -48,8 +48,8 @@ def unpack_background(payload: bytes, limits: Limits) -> Background:
 
     Raises:
         CorruptError: The payload breaks a rule of the spec.
-        UnsupportedError: It uses a codec or attribute that this version does not know.
-        LimitError: It is over `limits`.
+        UnsupportedError: The payload uses a codec or attribute that this version does not know.
+        LimitError: The background is over `limits`.
     """
     head, entries, offset = _parse(payload, limits)
     shape = GopShape(head.gaussians, _GRID)
@@ -58,12 +58,15 @@ def unpack_background(payload: bytes, limits: Limits) -> Background:
 
 
 def background_table(payload: bytes, limits: Limits) -> tuple[PlaneEntry, ...]:
-    """The plane table of a background chunk's payload. Raises as `unpack_background`."""
+    """The plane table of a background chunk's payload; no plane is decoded.
+
+    Raises as `unpack_background`.
+    """
     return _parse(payload, limits)[1]
 
 
 def _parse(payload: bytes, limits: Limits) -> tuple[BackgroundHead, tuple[PlaneEntry, ...], int]:
-    """Head, plane table and the offset of the first plane."""
+    """Head, plane table, and the offset of the first plane."""
     head = parse_background_head(payload)
     limits.check("gaussians", head.gaussians, "the number of Gaussians in a background")
     expected = GopShape(head.gaussians, _GRID).planes(STATIC_ATTRIBUTES)

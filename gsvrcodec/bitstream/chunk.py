@@ -1,4 +1,4 @@
-"""Signature and chunks: how bytes are framed (spec sections "Signature" and "Chunks")."""
+"""Signature and chunk framing (spec sections "Signature" and "Chunks")."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from mmap import mmap
 
 from gsvrcodec.errors import CorruptError, NotGsvrError
 
-#: Bytes in memory, or a mapped file where they are many.
+#: Payload of a chunk: bytes in memory, or a memory-mapped file for a large payload.
 Payload = bytes | mmap
 
-#: High bit, name, CRLF, DOS end of file, LF: each kind of careless transfer breaks one of them.
+#: High bit, name, CR LF, DOS end of file, LF: each kind of text-mode transfer breaks one of them.
 SIGNATURE = b"\x89GSV\r\n\x1a\n"
 
 HEAD_TYPE = b"HEAD"
@@ -25,7 +25,7 @@ METADATA_TYPE = b"meta"
 STREAMS_TYPE = b"strm"
 
 CRITICAL_TYPES = frozenset({HEAD_TYPE, BACKGROUND_TYPE, GOP_TYPE})
-#: Types that the container itself writes; anything else goes through `add_auxiliary`.
+#: Types that only the writer itself may write; `add_auxiliary` refuses them.
 STRUCTURAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE, INDEX_TYPE, END_TYPE})
 
 _FIELDS = struct.Struct("<4sQ")
@@ -38,7 +38,7 @@ OVERHEAD_BYTES = HEAD_BYTES + TAIL_BYTES
 
 @dataclass(frozen=True, slots=True)
 class ChunkEntry:
-    """Where one chunk lies in the file."""
+    """Type, place and size of one chunk."""
 
     type: bytes  #: four ASCII letters
     offset: int  #: byte offset of the chunk's head
@@ -46,7 +46,7 @@ class ChunkEntry:
 
     @property
     def name(self) -> str:
-        """The type as text, for messages."""
+        """The chunk type as text, for messages."""
         return self.type.decode("ascii", "replace")
 
     @property
@@ -56,12 +56,12 @@ class ChunkEntry:
 
     @property
     def end(self) -> int:
-        """Byte offset just past the chunk."""
+        """Byte offset of the first byte after the chunk."""
         return self.offset + OVERHEAD_BYTES + self.size
 
 
 def is_type(kind: bytes) -> bool:
-    """Whether `kind` may be the type of a chunk: four ASCII letters."""
+    """Whether `kind` is a valid chunk type: four ASCII letters."""
     return len(kind) == 4 and kind.isalpha()
 
 
@@ -71,7 +71,7 @@ def is_critical(kind: bytes) -> bool:
 
 
 def chunk_head(kind: bytes, size: int) -> bytes:
-    """The 16 bytes before a payload of `size` bytes."""
+    """The chunk head, 16 bytes, for a payload of `size` bytes."""
     if not is_type(kind):
         raise ValueError(f"a chunk type is four ASCII letters, not {kind!r}")
     fields = _FIELDS.pack(kind, size)
@@ -79,7 +79,7 @@ def chunk_head(kind: bytes, size: int) -> bytes:
 
 
 def chunk_parts(kind: bytes, payload: Payload) -> tuple[bytes, Payload, bytes]:
-    """Head, payload and tail of a chunk, the payload not copied."""
+    """Head, payload and tail of a chunk; the payload is not copied."""
     return chunk_head(kind, len(payload)), payload, _CRC.pack(zlib.crc32(payload))
 
 
@@ -89,10 +89,10 @@ def chunk_bytes(kind: bytes, payload: bytes) -> bytes:
 
 
 def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:
-    """Check the 16 bytes found at `offset`; the length is not yet compared with the file's.
+    """Parse and check a chunk head read at `offset`; the caller checks the length against the file.
 
     Raises:
-        CorruptError: The CRC does not match, or the type is not four letters.
+        CorruptError: The CRC does not match, or the type is not four ASCII letters.
     """
     kind, size = _FIELDS.unpack_from(head)
     (crc,) = _CRC.unpack_from(head, _FIELDS.size)
@@ -104,7 +104,7 @@ def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:
 
 
 def check_payload(entry: ChunkEntry, data: bytes) -> bytes:
-    """Split payload and CRC as read from the file, and return the payload.
+    """Check the CRC behind a payload and return the payload; `data` is payload and CRC.
 
     Raises:
         CorruptError: The CRC does not match.
@@ -120,7 +120,7 @@ def check_signature(start: bytes) -> None:
     """Check the first bytes of a file.
 
     Raises:
-        NotGsvrError: They are not the signature; the likely cause is named where it shows.
+        NotGsvrError: `start` is not the signature; the message names the likely cause if known.
     """
     if start[: len(SIGNATURE)] == SIGNATURE:
         return

@@ -1,4 +1,4 @@
-"""The fixed start of a GOP's payload: all that a reader needs to seek (spec section "GOP head")."""
+"""Head of a GOP's payload: what a reader needs for seeking (spec section "GOP head")."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ _SHAPE = struct.Struct("<HHHHII")
 SUMMARY_BYTES = _SUMMARY.size
 GOP_HEAD_BYTES = _SUMMARY.size + _SHAPE.size
 
-#: Timestamps and frame numbers stay below this, so that no sum of two overflows an int64.
+#: Bound of timestamps and frame numbers: the sum of two of them does not overflow an int64.
 TICKS_BOUND = 2**62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopSummary:
-    """Where a GOP lies in time; stands in the GOP's head and again in the index."""
+    """Frames and timestamps of a GOP; stored in the GOP's head and again in the index."""
 
-    first_frame: int  #: number of its first frame, counted from 0 over the file
-    frames: int  #: frames in it, at least 1
-    gaussians: int  #: N
-    start_pts: int  #: presentation timestamp of its first frame, ticks
-    last_pts: int  #: presentation timestamp of its last frame, ticks
-    last_duration: int  #: duration of its last frame, ticks, 0 = not known
+    first_frame: int  #: number of the GOP's first frame in the file, from 0
+    frames: int  #: frames in the GOP, at least 1
+    gaussians: int  #: Gaussians N of the GOP, without its background
+    start_pts: int  #: presentation timestamp of the first frame, ticks
+    last_pts: int  #: presentation timestamp of the last frame, ticks
+    last_duration: int  #: duration of the last frame, ticks, 0 = not known
 
     @property
     def end_frame(self) -> int:
-        """Number of the first frame after it."""
+        """Number of the first frame after the GOP."""
         return self.first_frame + self.frames
 
     def summary_bytes(self) -> bytes:
-        """The 40 bytes that GOP heads and index entries have in common."""
+        """The 40 bytes that GOP head and index entry have in common."""
         return _SUMMARY.pack(
             self.first_frame,
             self.frames,
@@ -47,7 +47,7 @@ class GopSummary:
         )
 
     def check(self) -> None:
-        """Raise a CorruptError if a field breaks a rule of the spec by itself."""
+        """Raise a CorruptError if a field breaks a rule that needs no other GOP to check."""
         if self.frames < 1:
             raise CorruptError("GOP of 0 frames")
         if self.end_frame > TICKS_BOUND:
@@ -62,7 +62,7 @@ class GopSummary:
             raise CorruptError(f"frame of {self.last_duration} ticks")
 
     def check_follows(self, previous: GopSummary | None) -> None:
-        """Check that this GOP takes up where `previous` ends (None: that it is the first).
+        """Check that this GOP directly follows `previous`; None = this GOP must be the first.
 
         Raises:
             CorruptError: Frame numbers have a gap or overlap, or timestamps do not increase.
@@ -82,21 +82,21 @@ class GopHead(GopSummary):
 
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
     planes: int  #: entries of the plane table
-    background: int = 0  #: number of the background whose Gaussians it may show; 0 = none
-    background_gaussians: int = 0  #: how many that background has
+    background: int = 0  #: number of the background that the GOP shows; 0 = none
+    background_gaussians: int = 0  #: Gaussians of that background, shown or not
 
     @property
     def most_drawn(self) -> int:
-        """Gaussians of its own and of its background."""
+        """Gaussians of the GOP and of its background: the most that a frame can draw."""
         return self.gaussians + self.background_gaussians
 
     def to_bytes(self) -> bytes:
-        """The head as it stands in the file."""
+        """The 56 bytes of the head."""
         shape = _SHAPE.pack(*self.grid, self.planes, self.background, self.background_gaussians)
         return self.summary_bytes() + shape
 
     def check_maxima(self, header: Header) -> None:
-        """Raise a CorruptError if the GOP is larger than the header's maxima say."""
+        """Raise a CorruptError if the GOP exceeds a maximum of the header."""
         if self.most_drawn > header.max_gaussians:
             raise CorruptError(
                 f"{self.most_drawn} Gaussians, the header's maximum is {header.max_gaussians}"
@@ -113,19 +113,19 @@ class GopHead(GopSummary):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopEntry(GopSummary):
-    """A GOP of a file and where it lies."""
+    """Summary of a GOP and the place of its chunk in the file."""
 
-    offset: int  #: byte offset of its chunk
-    size: int  #: bytes of its payload
+    offset: int  #: byte offset of the chunk
+    size: int  #: bytes of the payload
 
     @property
     def chunk(self) -> ChunkEntry:
-        """Its chunk."""
+        """The GOP's chunk."""
         return ChunkEntry(GOP_TYPE, self.offset, self.size)
 
 
 def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
-    """Read and check the 40 bytes at the start of `data`, which belong to the GOP in `chunk`."""
+    """Parse and check a summary, the first 40 bytes of `data`, of the GOP in `chunk`."""
     first_frame, frames, gaussians, start, last, duration = _SUMMARY.unpack_from(data)
     entry = GopEntry(
         first_frame=first_frame,
@@ -142,10 +142,10 @@ def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
 
 
 def parse_gop_head(payload: bytes) -> GopHead:
-    """Read the first 56 bytes of a GOP's payload and check them by themselves.
+    """Parse the head at the start of a GOP's payload.
 
     Raises:
-        CorruptError: They are not all there, or break a rule of the spec.
+        CorruptError: The payload is shorter than the head, or a field breaks a rule of the spec.
     """
     if len(payload) < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP of {len(payload)} bytes, its head alone takes {GOP_HEAD_BYTES}")

@@ -1,4 +1,4 @@
-"""The header chunk: what holds for the whole file (spec section "Header chunk")."""
+"""The header chunk: properties of the whole file (spec section "Header chunk")."""
 
 from __future__ import annotations
 
@@ -16,54 +16,54 @@ VERSION_MINOR = 4
 PYRAMID_FLAG = 1
 #: Must-understand flag: GOPs may show the Gaussians of a background. Set since version 0.4.
 BACKGROUNDS_FLAG = 2
-#: All bits of the must-understand flags that this version knows; all of them must be set.
+#: The must-understand flags of this version; a file must have all of them set.
 KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | BACKGROUNDS_FLAG
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
 HEADER_BYTES = _LAYOUT.size
 
-#: The bit of the rotation that says that the picture is mirrored first.
+#: Bit of the rotation field: the picture is mirrored before it is turned.
 _MIRRORED = 0x8000
 
 
 @dataclass(frozen=True, slots=True)
 class ColourInfo:
-    """How the pictures' RGB relates to light; code points of ITU-T H.273 (CICP)."""
+    """Colour tags; code points of ITU-T H.273 (CICP)."""
 
     primaries: int = 2  #: colour primaries, 2 = not specified
     transfer: int = 2  #: transfer characteristics, 2 = not specified
-    matrix: int = 2  #: matrix the source's YCbCr had, 2 = not specified
-    full_range: bool = False  #: whether the source's YCbCr used its full range
+    matrix: int = 2  #: matrix coefficients of the source's YCbCr, 2 = not specified
+    full_range: bool = False  #: whether the source's YCbCr has full range
     chroma_location: int = 0  #: H.273 chroma sample location type + 1, 0 = not specified
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """The header chunk, field by field."""
+    """Fields of the header chunk."""
 
     width: int  #: coded width, pixels
     height: int  #: coded height, pixels
-    time_base: Fraction  #: seconds in one tick of every timestamp and duration
+    time_base: Fraction  #: seconds a tick
     sample_aspect: Fraction = Fraction(1)  #: width / height of a pixel
-    rotation: int = 0  #: clockwise degrees a player turns the picture by; 0, 90, 180 or 270
+    rotation: int = 0  #: degrees clockwise that a player turns the picture by; 0, 90, 180 or 270
     mirrored: bool = False  #: whether a player mirrors the picture left to right before it turns it
     bit_depth: int = 8  #: bits of a sample of the source
     colour: ColourInfo = field(default_factory=ColourInfo)
     version_major: int = VERSION_MAJOR
     version_minor: int = VERSION_MINOR
-    #: a reader refuses a file with a bit set that it does not know
+    #: must-understand flags: a reader refuses a file with an unknown bit set
     flags_required: int = KNOWN_REQUIRED_FLAGS
-    flags_optional: int = 0  #: bits that a reader may ignore
-    max_gaussians: int = 0  #: largest N of a GOP
+    flags_optional: int = 0  #: flags that a reader may ignore
+    max_gaussians: int = 0  #: most Gaussians in a GOP, those of its background included
     max_gop_frames: int = 0  #: most frames in a GOP
     max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt of a GOP
-    frames: int = 0  #: frames in the file, 0 = not known (never closed)
+    frames: int = 0  #: frames in the file, 0 = not known (the writer was not closed)
     gops: int = 0  #: GOPs in the file, 0 = not known
 
     @property
     def version(self) -> str:
-        """Version as people write it."""
+        """Bitstream version as text, major.minor."""
         return f"{self.version_major}.{self.version_minor}"
 
     def to_bytes(self) -> bytes:
@@ -109,8 +109,8 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
     """Read and check the payload of a header chunk.
 
     Raises:
-        UnsupportedError: Another major version, an unknown must-understand flag, or a file of
-            before version 0.4.
+        UnsupportedError: Another major version, an unknown must-understand flag, or a version
+            before 0.4.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -122,7 +122,7 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
             f"the file has bitstream version {major}.{minor}, "
             f"this decoder reads {VERSION_MAJOR}.x (written for {VERSION_MAJOR}.{VERSION_MINOR})"
         )
-    # A newer minor version may append fields, ours may not differ.
+    # A newer minor version may append fields; in our own version the length is fixed.
     newer = minor > VERSION_MINOR
     if len(payload) < HEADER_BYTES or (len(payload) > HEADER_BYTES and not newer):
         raise CorruptError(f"header of {len(payload)} bytes, expected {HEADER_BYTES}")
@@ -202,7 +202,7 @@ def _unpack(payload: bytes) -> Header:
 
 
 def _problem(header: Header) -> str | None:
-    """The first rule that the header breaks, None if it keeps them all."""
+    """The first rule that the header breaks; None = it is valid."""
     if header.width < 1 or header.height < 1:
         return f"picture size {header.width}x{header.height}"
     if header.sample_aspect <= 0:

@@ -1,4 +1,4 @@
-"""Index and end chunk: the table of contents at the end of a file (spec section "Index chunk")."""
+"""Index and end chunk: the table of contents (spec section "Index and end chunks")."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ END_CHUNK_BYTES = OVERHEAD_BYTES + END_BYTES
 
 
 def index_bytes(chunks: int) -> int:
-    """Bytes of the whole index chunk for so many chunks."""
+    """Bytes of the whole index chunk for a file with `chunks` entries."""
     return OVERHEAD_BYTES + _COUNT.size + chunks * ENTRY_BYTES
 
 
@@ -50,9 +50,12 @@ def index_payload(chunks: Sequence[ChunkEntry], gops: Sequence[GopEntry]) -> byt
 def parse_index(
     payload: bytes, start: int, end: int, limits: Limits
 ) -> tuple[list[ChunkEntry], list[GopEntry]]:
-    """Read an index whose chunks must fill the bytes from `start` to `end` without a hole.
+    """Parse an index; its chunks must fill the bytes from `start` to `end` without a hole.
 
-    Offsets are not in the file: they are the running sum of the sizes, so chunks cannot overlap.
+    Offsets are not stored: they are the running sum of the chunk sizes, so chunks cannot overlap.
+
+    Returns:
+        All chunks of the index, and the GOPs among them, both in file order.
 
     Raises:
         CorruptError: The table does not fill its payload or the file, or an entry is invalid.
@@ -96,10 +99,10 @@ def end_payload(index_offset: int, file_size: int) -> bytes:
 
 
 def parse_end(payload: bytes, file_size: int) -> int:
-    """Check the payload of the end chunk of a file of `file_size` bytes; the index's offset.
+    """Check the payload of the end chunk, and return the offset of the index chunk.
 
     Raises:
-        CorruptError: It does not describe this file.
+        CorruptError: The payload does not describe a file of `file_size` bytes.
     """
     if len(payload) != END_BYTES:
         raise CorruptError(f"end chunk of {len(payload)} bytes", chunk=END_TYPE.decode())

@@ -1,4 +1,4 @@
-"""The plane table of a GOP: what each plane is and how it is coded (spec section "Plane table")."""
+"""Plane table: attribute, codec, quantiser and size of each plane (spec "Plane table")."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ PLANE_ENTRY_BYTES = _ENTRY.size
 
 @dataclass(frozen=True, slots=True)
 class PlaneEntry:
-    """One line of the plane table."""
+    """One entry of the plane table."""
 
-    attribute: Attribute  #: what the samples are
-    component: int  #: which part of it, from 0
-    codec: Codec  #: how they are coded
-    quantiser: Quantiser  #: what they stand for: bits, offset, step
+    attribute: Attribute  #: attribute that the plane belongs to
+    component: int  #: component of the attribute, from 0
+    codec: Codec  #: plane codec
+    quantiser: Quantiser  #: bits, offset and step of the samples
     width: int  #: samples in a row
     height: int  #: rows
     size: int  #: bytes of the coded plane
@@ -37,7 +37,7 @@ class PlaneEntry:
         return f"{self.attribute.name}.{self.component}"
 
     def to_bytes(self) -> bytes:
-        """The entry as it stands in the file."""
+        """The 20 bytes of the entry."""
         return _ENTRY.pack(
             self.attribute.id,
             self.component,
@@ -57,20 +57,20 @@ def parse_plane_table(
     planes: int,
     expected: Sequence[tuple[Attribute, int, int, int]],
 ) -> tuple[tuple[PlaneEntry, ...], int]:
-    """Read and check a plane table, and that the planes behind it end with the payload.
+    """Parse a plane table, and check that the planes behind the table end with the payload.
 
     Args:
-        payload: Of a GOP or a background.
-        offset: Where the table starts in it.
-        planes: How many entries it is said to have.
-        expected: Those it must have: attribute, component, width, height.
+        payload: Payload of a GOP or background chunk.
+        offset: Byte offset of the table in the payload.
+        planes: Number of entries by the payload's head.
+        expected: Required entries: attribute, component, width, height.
 
     Returns:
-        Its entries, and the offset after it.
+        The entries, and the byte offset after the table.
 
     Raises:
-        CorruptError: It is cut short, or is not the table that is expected.
-        UnsupportedError: It names an attribute or codec that this version does not know.
+        CorruptError: The table is cut short, or differs from `expected`.
+        UnsupportedError: An entry has an attribute or codec that this version does not know.
     """
     end = offset + planes * PLANE_ENTRY_BYTES
     if end > len(payload):

@@ -1,4 +1,4 @@
-"""Reads a .gsvr file: by its index where that is valid, else chunk by chunk."""
+"""Reader of .gsvr files: uses the index if it is valid, else walks from chunk to chunk."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from gsvrcodec.bitstream.tags import Tags, parse_tags
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
-#: No version of the header is ever longer than this.
+#: Greatest payload of a header chunk, of any version.
 _MAX_HEADER_BYTES = 4096
 
 
 class GsvrReader:
-    """Header, GOPs and auxiliary chunks of a file; payloads are read when asked for.
+    """Header, GOPs and auxiliary chunks of a file; payloads are read on demand.
 
     Safe to use from several threads.
 
@@ -57,10 +57,10 @@ class GsvrReader:
 
     Raises:
         InputError: The file cannot be read.
-        NotGsvrError: It is something else.
-        CorruptError: Its header is damaged, or no GOP of it is whole.
-        UnsupportedError: It needs something this version does not have.
-        LimitError: It is over `limits`.
+        NotGsvrError: The file does not start with the signature.
+        CorruptError: The header is damaged, or no GOP is whole.
+        UnsupportedError: The file needs a feature that this version does not have.
+        LimitError: The file is over `limits`.
     """
 
     def __init__(
@@ -97,12 +97,12 @@ class GsvrReader:
 
     @property
     def header(self) -> Header:
-        """What holds for the whole file."""
+        """The header of the file."""
         return self._header
 
     @property
     def gops(self) -> tuple[GopEntry, ...]:
-        """The GOPs in frame order; only in a recovered file may there be frames between them."""
+        """The GOPs in frame order; only a recovered file may lack frames between two GOPs."""
         return self._gops
 
     @property
@@ -112,12 +112,12 @@ class GsvrReader:
 
     @property
     def gaussians(self) -> int:
-        """Gaussians of all GOPs and backgrounds together."""
+        """Sum of the Gaussians of all GOPs and backgrounds."""
         return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.backgrounds)
 
     @property
     def frames(self) -> int:
-        """Number of the last frame plus one."""
+        """Frames in the file: the number of the last frame plus one."""
         return self._gops[-1].end_frame
 
     @property
@@ -127,20 +127,20 @@ class GsvrReader:
 
     @property
     def recovered(self) -> bool:
-        """Whether there was no valid index: the file is damaged or was never finished."""
+        """Whether the file has no valid index: it is damaged or was not finished."""
         return self._recovered
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the file and does not keep it from being decoded."""
+        """Faults of the file that do not prevent decoding."""
         return self._warnings
 
     def gop_of_frame(self, frame: int) -> int:
         """Position in `gops` of the GOP that holds frame number `frame`.
 
         Raises:
-            IndexError: The file ends before it, or it is negative.
-            CorruptError: It was lost.
+            IndexError: `frame` is negative or past the end of the file.
+            CorruptError: The frame was lost.
         """
         if not 0 <= frame < self.frames:
             raise IndexError(f"frame {frame} of {self.frames}")
@@ -169,10 +169,10 @@ class GsvrReader:
         return payload
 
     def find_background(self, number: int, position: int) -> BackgroundEntry:
-        """The background that `gops[position]` calls `number`, for `read_chunk`.
+        """The background with number `number` that stands before `gops[position]`.
 
         Raises:
-            CorruptError: It is lost, or does not stand before the GOP.
+            CorruptError: There is no such background before the GOP.
         """
         for background in self.backgrounds:
             if (
@@ -186,8 +186,8 @@ class GsvrReader:
         """The payload of one of `chunks`, checked against its CRC.
 
         Raises:
-            CorruptError: It is damaged, or its head is not what the index says.
-            LimitError: It is over the reader's limits.
+            CorruptError: The chunk is damaged, or its head does not match the index.
+            LimitError: The chunk is over the reader's limits.
         """
         if chunk.end > self._source.size:
             raise CorruptError(
@@ -205,11 +205,11 @@ class GsvrReader:
             raise error.located(chunk.name, chunk.offset) from None
 
     def auxiliary(self, kind: bytes) -> bytes | None:
-        """The payload of the first chunk of this type, None if there is none.
+        """The payload of the first chunk of type `kind`; None = no such chunk.
 
         Raises:
-            CorruptError: It is damaged.
-            LimitError: It is over the reader's limits.
+            CorruptError: The chunk is damaged.
+            LimitError: The chunk is over the reader's limits.
         """
         for chunk in self._chunks:
             if chunk.type == kind:
@@ -219,11 +219,11 @@ class GsvrReader:
         return None
 
     def settings(self) -> dict[str, Any]:
-        """The encoder's settings from chunk sett, empty if there is none.
+        """The encoder settings from chunk `sett`; empty without that chunk.
 
         Raises:
-            CorruptError: It is damaged, or not a JSON object.
-            LimitError: It is over the reader's limits.
+            CorruptError: The chunk is damaged, or not a JSON object.
+            LimitError: The chunk is over the reader's limits.
         """
         payload = self.auxiliary(SETTINGS_TYPE)
         if payload is None:
@@ -237,18 +237,18 @@ class GsvrReader:
         return value
 
     def tags(self) -> Tags:
-        """Titles, languages and chapters from chunk meta, empty if there is none.
+        """Titles, languages and chapters from chunk `meta`; empty without that chunk.
 
         Raises:
-            CorruptError: It is damaged, or breaks a rule of the spec.
-            LimitError: It is over the reader's limits.
+            CorruptError: The chunk is damaged, or breaks a rule of the spec.
+            LimitError: The chunk is over the reader's limits.
         """
         payload = self.auxiliary(METADATA_TYPE)
         return Tags() if payload is None else parse_tags(payload)
 
     @cached_property
     def backgrounds(self) -> tuple[BackgroundEntry, ...]:
-        """The backgrounds whose heads can be read, in file order; none out of turn."""
+        """The backgrounds in file order, without any of damaged head or number out of order."""
         found: list[BackgroundEntry] = []
         for chunk in self._chunks:
             if chunk.type == BACKGROUND_TYPE and chunk.size >= BACKGROUND_HEAD_BYTES:
@@ -263,11 +263,11 @@ class GsvrReader:
 
     @property
     def streams(self) -> tuple[ChunkEntry, ...]:
-        """The chunks strm, each a small file with one copied stream, for `read_chunk`."""
+        """The `strm` chunks; each payload is a container file with one copied stream."""
         return tuple(chunk for chunk in self._chunks if chunk.type == STREAMS_TYPE)
 
     def close(self) -> None:
-        """Close the file, if the reader opened it."""
+        """Close the file if the reader opened it."""
         self._source.close()
 
     def __enter__(self) -> Self:
@@ -299,7 +299,7 @@ class GsvrReader:
             raise error.located(chunk.name, offset) from None
 
     def _read_index(self, start: int) -> tuple[list[ChunkEntry], list[GopEntry]]:
-        """All chunks after the header, which ends at `start`, and the GOPs among them."""
+        """Chunks after the header, which ends at byte `start`, and the GOPs among them."""
         size = self._source.size
         end_offset = size - END_CHUNK_BYTES
         if end_offset < start:
@@ -323,7 +323,7 @@ class GsvrReader:
         return [*chunks, index_chunk, end_chunk], gops
 
     def _count_warnings(self) -> list[str]:
-        """Counts of the header that the content contradicts; the content wins."""
+        """Warnings about counts of the header that differ from the content; the content wins."""
         warnings = []
         for what, declared, found in (
             ("frames", self._header.frames, self.frames),

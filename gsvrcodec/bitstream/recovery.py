@@ -1,4 +1,4 @@
-"""Finding the chunks of a file that has no valid index (spec section "Recovery")."""
+"""Recovery: find the chunks of a file without a valid index (spec section "Recovery")."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _SOUGHT = re.compile(re.escape(GOP_TYPE) + b"|" + re.escape(BACKGROUND_TYPE))
 
 @dataclass(slots=True)
 class Walk:
-    """What a walk over the chunk heads found."""
+    """Result of a walk over the chunk heads."""
 
     chunks: list[ChunkEntry] = field(default_factory=list)  #: whole chunks, in file order
-    gops: list[GopEntry] = field(default_factory=list)  #: GOPs among them that fit together
-    warnings: list[str] = field(default_factory=list)  #: what was damaged or left out
+    gops: list[GopEntry] = field(default_factory=list)  #: GOPs in order of frames and time
+    warnings: list[str] = field(default_factory=list)  #: damage, and GOPs left out
 
     def warn(self, text: str) -> None:
-        """Note what is wrong; a file may be wrong so often that nobody reads it all."""
+        """Add a warning; after `_MAX_WARNINGS` only one more, "more of the same"."""
         if len(self.warnings) < _MAX_WARNINGS:
             self.warnings.append(text)
         elif len(self.warnings) == _MAX_WARNINGS:
@@ -44,14 +44,19 @@ class Walk:
 
 
 def walk(source: Source, start: int, limits: Limits) -> Walk:
-    """Go from chunk head to chunk head, past damage where a GOP or a background follows it.
+    """Walk from chunk head to chunk head; after damage go on at the next GOP or background.
 
-    Payloads are not read, except the heads of GOPs.
+    Of payloads only the heads of GOPs are read.
+
+    Args:
+        source: The file.
+        start: Byte offset of the first chunk after the header.
+        limits: What to accept.
 
     Raises:
         CorruptError: A second header chunk.
         UnsupportedError: A critical chunk of unknown type.
-        LimitError: There are more chunks, or pieces that look like one, than `limits` allow.
+        LimitError: There are more chunks, or byte sequences that look like one, than allowed.
     """
     found = Walk()
     offset = start
@@ -104,7 +109,7 @@ def _check_type(chunk: ChunkEntry) -> None:
 
 
 def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
-    """Take the GOP in `chunk` if its head is sound and comes after the last one taken."""
+    """Add the GOP in `chunk` if its head is valid and it comes after the last GOP added."""
     try:
         if chunk.size < GOP_HEAD_BYTES:
             raise CorruptError(f"GOP of {chunk.size} bytes")
@@ -124,9 +129,9 @@ def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
 
 
 def _next_sound(source: Source, start: int, limits: Limits, tries: int) -> tuple[int | None, int]:
-    """Offset of the next sound head of a GOP or background from `start` on, or None; and the tries.
+    """Offset of the next valid head of a GOP or background, None = none; and the count of tries.
 
-    A payload may hold bytes that look like a chunk; only the head's own CRC tells them apart.
+    A payload may hold bytes that look like a chunk type; the CRC of the chunk head decides.
     """
     position = start
     while position < source.size:
@@ -140,6 +145,6 @@ def _next_sound(source: Source, start: int, limits: Limits, tries: int) -> tuple
             except CorruptError:
                 continue
             return position + match.start(), tries
-        # Overlap the windows by three bytes: a type may lie across their border.
+        # The windows overlap by three bytes, for a type that lies across the border.
         position += size if size <= len(GOP_TYPE) else size - len(GOP_TYPE) + 1
     return None, tries

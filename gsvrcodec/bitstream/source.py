@@ -15,10 +15,10 @@ class Source:
     """A file or a seekable stream of known size.
 
     Args:
-        source: Path, or a binary stream, which stays its owner's to close.
+        source: Path, or a binary stream, which `close` leaves open.
 
     Raises:
-        InputError: It is missing, a directory, not readable, or not seekable.
+        InputError: The file is missing, a directory, not readable, or not seekable.
     """
 
     def __init__(self, source: str | os.PathLike[str] | BinaryIO):
@@ -40,10 +40,10 @@ class Source:
             raise InputError(f"{self.name}: not seekable, copy it to a file first") from error
 
     def read(self, offset: int, size: int) -> bytes:
-        """Exactly `size` bytes from `offset`.
+        """Exactly `size` bytes from byte `offset`.
 
         Raises:
-            InputError: They cannot be read; the file became shorter since it was opened.
+            InputError: The file cannot be read, or became shorter since it was opened.
         """
         try:
             with self._lock:
@@ -56,7 +56,7 @@ class Source:
         return data
 
     def close(self) -> None:
-        """Close the file, if it was opened here."""
+        """Close the file if `source` was a path."""
         if self._owned:
             self._file.close()
 

@@ -1,4 +1,4 @@
-"""The chunk "meta": titles, languages and chapters of the source (spec section "Metadata")."""
+"""The chunk `meta`: titles, languages and chapters of the source (spec section "Metadata")."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from gsvrcodec.errors import CorruptError
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """A named part of the film."""
+    """A chapter of the film."""
 
-    start: Fraction  #: seconds, on the clock of the frames' timestamps
-    stop: Fraction  #: seconds, not part of it
+    start: Fraction  #: seconds, on the clock of the frames' timestamps; included
+    stop: Fraction  #: seconds; not included
     tags: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class StreamTags:
-    """What a source says about one of its streams."""
+    """Tags of one stream of the source."""
 
     tags: Mapping[str, str] = field(default_factory=dict)  #: language, title and so on
-    disposition: int = 0  #: FFmpeg's flags: 1 = default, 64 = forced, ...
+    disposition: int = 0  #: FFmpeg's disposition flags: 1 = default, 64 = forced, ...
 
 
 @dataclass(frozen=True, slots=True)
 class Tags:
-    """What a source says about itself."""
+    """Tags of the source: of the film, of its streams, of its chapters."""
 
-    film: Mapping[str, str] = field(default_factory=dict)  #: of the whole file: title, artist, ...
+    film: Mapping[str, str] = field(default_factory=dict)  #: of the whole film: title, artist, ...
     video: StreamTags = field(default_factory=StreamTags)
-    streams: tuple[StreamTags, ...] = ()  #: one for each chunk "strm", in the order of the file
+    streams: tuple[StreamTags, ...] = ()  #: one for each chunk `strm`, in file order
     chapters: tuple[Chapter, ...] = ()
 
     def to_bytes(self) -> bytes:
-        """The payload of the chunk."""
+        """The payload of the chunk `meta`."""
         return json.dumps(
             {
                 "film": dict(self.film),
@@ -58,10 +58,10 @@ class Tags:
 
 
 def parse_tags(payload: bytes) -> Tags:
-    """Read the payload of a chunk "meta".
+    """Parse the payload of a chunk `meta`.
 
     Raises:
-        CorruptError: it is not JSON, or a known key holds something else than it should.
+        CorruptError: The payload is not JSON, or the value of a known key has another type.
     """
     try:
         value = json.loads(payload.decode("utf-8"))
@@ -90,7 +90,7 @@ def _stream_from_json(value: dict[str, Any]) -> StreamTags:
 
 
 def _strings(value: Any) -> dict[str, str]:
-    """Return `value` if it maps text to text."""
+    """Return `value` if it maps strings to strings, else raise a ValueError."""
     if not all(isinstance(text, str) for pair in value.items() for text in pair):
         raise ValueError("tags are text")
     return dict(value)

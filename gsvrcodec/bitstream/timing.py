@@ -1,4 +1,4 @@
-"""Timestamps of a GOP: run-length coding and normalised time (spec section "Timing")."""
+"""Timestamps and durations of a GOP, run-length coded (spec section "Timing")."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MAX_VARINT_BYTES = 9
 
 
 def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
-    """Runs of (frames, step to the next timestamp, duration), each number a varint.
+    """Code the timing of a GOP as runs of (frames, step to the next timestamp, duration).
 
     Args:
         pts: Shape (F,), strictly increasing, ticks.
@@ -24,7 +24,7 @@ def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
     steps = np.diff(pts)
     if (steps <= 0).any() or (durations < 0).any():
         raise ValueError("timestamps must increase and durations must not be negative")
-    # Nothing comes after the last frame: give it the step that makes its run longest.
+    # The step of the last frame has no meaning: repeat the one before, to extend its run.
     last = steps[-1:] if len(steps) else np.maximum(durations[-1:], 1)
     pairs = np.stack([np.append(steps, last), durations], axis=1)
     starts = np.flatnonzero(np.append(True, (pairs[1:] != pairs[:-1]).any(axis=1)))
@@ -39,13 +39,13 @@ def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
 def unpack_timing(
     data: bytes, offset: int, start_pts: int, frames: int
 ) -> tuple[Ticks, Ticks, int]:
-    """Read runs from `offset` until they hold `frames` frames.
+    """Parse runs from byte `offset` until they cover `frames` frames.
 
     Returns:
-        Timestamps and durations, shape (frames,) each, and the offset after the last run.
+        Timestamps and durations, shape (frames,) each, and the byte offset after the last run.
 
     Raises:
-        CorruptError: A run is empty, too long, cut short, or has step 0.
+        CorruptError: A run is empty, too long, cut short, or has step 0; a timestamp overflows.
     """
     counts: list[int] = []
     steps: list[int] = []
@@ -71,7 +71,7 @@ def unpack_timing(
 
 
 def _put_varint(out: bytearray, number: int) -> None:
-    """Seven bits a byte, lowest first, the high bit set on all but the last."""
+    """Append a varint: seven bits a byte, lowest first, the high bit set on all but the last."""
     while number > 0x7F:
         out.append(0x80 | number & 0x7F)
         number >>= 7

@@ -1,4 +1,4 @@
-"""Writes a .gsvr file, chunk by chunk; what is written so far can always be recovered."""
+"""Writer of .gsvr files, chunk by chunk; an unfinished file can be recovered at any time."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from gsvrcodec.bitstream.index import END_CHUNK_BYTES, end_payload, index_bytes,
 
 
 class GsvrWriter:
-    """Puts header, GOPs and auxiliary chunks into a file, and the index behind them.
+    """Writes the header, GOPs, backgrounds and auxiliary chunks of a file, and then the index.
 
-    The header's maxima and counts are kept by the writer: the header chunk, which never changes
-    its size, is written again whenever a GOP raises a maximum and once more by `close`.
+    The writer keeps the maxima and counts of the header: it rewrites the header chunk, which has a
+    fixed size, when a GOP raises a maximum, and once more in `close`.
 
     Args:
-        file: Empty, writable and seekable; stays open after `close`.
-        header: Picture, colour and time base; its maxima and counts are ignored.
+        file: Empty, writable and seekable; `close` leaves it open.
+        header: Picture, colour and time base; the writer replaces its maxima and counts.
     """
 
     def __init__(self, file: BinaryIO, header: Header):
@@ -54,7 +54,7 @@ class GsvrWriter:
 
     @property
     def header(self) -> Header:
-        """The header as it stands in the file now."""
+        """The header that the file has now."""
         return self._header
 
     @property
@@ -73,10 +73,13 @@ class GsvrWriter:
         return self._end
 
     def add_background(self, payload: bytes) -> None:
-        """Append a background, as `pack_background` gives it, before the first GOP that shows it.
+        """Append a background chunk; must come before the first GOP that shows the background.
+
+        Args:
+            payload: As from `pack_background`.
 
         Raises:
-            ValueError: The payload has no background head, or a number not above the last one's.
+            ValueError: The head is invalid, or the number not above that of the last background.
         """
         head = parse_background_head(payload)
         if head.number <= max(self._backgrounds, default=0):
@@ -85,14 +88,17 @@ class GsvrWriter:
         self._backgrounds[head.number] = head.gaussians
 
     def add_gop(self, payload: bytes) -> GopEntry:
-        """Append a GOP, as packed by `gsvrcodec.bitstream.gop_payload.pack_gop`.
+        """Append a GOP chunk.
+
+        Args:
+            payload: As from `pack_gop`.
 
         Returns:
-            Its place in the file and in time, read from the payload's head.
+            Summary and place of the GOP.
 
         Raises:
-            ValueError: The payload does not start with a GOP head that continues the last GOP, or
-                its background was not added.
+            ValueError: The head is invalid, does not follow the last GOP, or refers to a
+                background that was not added.
         """
         head = parse_gop_head(payload)
         if self._backgrounds.get(head.background, 0) != head.background_gaussians:
@@ -117,26 +123,26 @@ class GsvrWriter:
         return entry
 
     def add_auxiliary(self, kind: bytes, payload: Payload) -> None:
-        """Append a chunk that a decoder may skip.
+        """Append an ancillary chunk, which a decoder may skip.
 
         Args:
-            kind: Four ASCII letters, the first in lower case; b"sett" holds encoder settings.
-            payload: Its bytes.
+            kind: Type of the chunk: four ASCII letters, the first in lower case, as b"sett".
+            payload: Payload of the chunk.
 
         Raises:
-            ValueError: `kind` is not such a type, or is one that the writer keeps to itself.
+            ValueError: `kind` is no ancillary type, or is reserved for the writer.
         """
         if is_critical(kind) or kind in STRUCTURAL_TYPES:
             raise ValueError(f"{kind!r} is not the type of an auxiliary chunk")
         self._append(kind, payload)
 
     def final_size(self, chunks: int, payload_bytes: int) -> int:
-        """Bytes of the closed file after so many more chunks with so many bytes together."""
+        """Bytes of the closed file after `chunks` more chunks with `payload_bytes` in all."""
         index = index_bytes(len(self._chunks) + chunks)
         return self._end + chunks * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
 
     def close(self) -> None:
-        """Write the index and the final header; without this the file counts as cut short.
+        """Write the index, the end chunk and the final header; a file without them is unfinished.
 
         Raises:
             ValueError: No GOP was added.
@@ -180,7 +186,7 @@ class GsvrWriter:
         self._end = entry.end
 
     def _rewrite_header(self, header: Header) -> None:
-        """Put `header` in the place of the old one, if it differs."""
+        """Overwrite the header chunk if `header` differs from the one in the file."""
         if header == self._header:
             return
         self._file.seek(len(SIGNATURE))

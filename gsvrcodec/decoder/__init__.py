@@ -1,1 +1,1 @@
-"""From a .gsvr file to pictures; `decoder.decoder` is where to start."""
+"""From a .gsvr file to pictures; start reading at `decoder.decoder`."""

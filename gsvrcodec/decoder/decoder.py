@@ -1,4 +1,4 @@
-"""Decoding: container, planes, model, rendering, frames; any frame, in any order."""
+"""The decoder: random access to the frames of a .gsvr file, and pictures at any time."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from gsvrcodec.render.device import choose_device
 
 _log = logging.getLogger(__name__)
 
-#: Frames rendered together while iterating: at most this many, and this many bytes.
+#: Most frames, and most bytes of frames, rendered in one batch while iterating.
 _BATCH_FRAMES = 16
 _BATCH_BYTES = 32 * 2**20
 
 
 class Decoder:
-    """The frames of a .gsvr file. Safe to use from several threads."""
+    """The frames of a .gsvr file. Thread-safe."""
 
     def __init__(
         self,
@@ -52,10 +52,10 @@ class Decoder:
         self._gops = GopCache(path, self._limits)
         self._reader = self._gops.reader
         self._keep_going = keep_going
-        self.lost_frames = 0  #: pictures that iteration had to leave out, for `keep_going`
+        self.lost_frames = 0  #: pictures left out by iteration with `keep_going`
         try:
             self._check_whole()
-            self.metadata = Metadata.of(self._reader)  #: the facts about the whole video
+            self.metadata = Metadata.of(self._reader)  #: properties of the whole video
             if bit_depth is None:
                 bit_depth = 8 if self.metadata.bit_depth <= 8 else 10
             self._maker = PictureMaker(
@@ -85,33 +85,33 @@ class Decoder:
         self.close()
 
     def close(self) -> None:
-        """Close the file; asking for frames then raises `ValueError`."""
+        """Close the file; later requests for frames raise `ValueError`."""
         self._gops.close()
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures that it gives, pixels."""
+        """Width and height of the decoded pictures, pixels."""
         return self._maker.size
 
     @property
     def bit_depth(self) -> int:
-        """Bits of a sample of the pictures that it gives."""
+        """Bits a sample of the decoded pictures."""
         return self._maker.bit_depth
 
     @property
     def batch(self) -> int:
-        """How many pictures are rendered together, and in memory, while iterating."""
+        """Pictures rendered in one batch, and held in memory, while iterating."""
         picture_bytes = 3 * prod(self.size) * (1 if self.bit_depth == 8 else 2)
         return max(1, min(_BATCH_FRAMES, _BATCH_BYTES // picture_bytes))
 
     @property
     def recovered(self) -> bool:
-        """Whether the file is cut short or damaged, and was opened with `keep_going`."""
+        """Whether the file is cut short or damaged; only `keep_going` opens such a file."""
         return self._reader.recovered
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the file and does not keep it from being decoded."""
+        """Faults of the file that do not prevent decoding."""
         return self._reader.warnings
 
     def __len__(self) -> int:
@@ -136,17 +136,17 @@ class Decoder:
         """Return one frame.
 
         Args:
-            index: its number, from 0; -1 = the last.
+            index: Number of the frame, from 0; -1 = the last.
 
         Raises:
-            IndexError: there is no such frame.
-            CorruptError: its GOP is damaged.
-            ValueError: the decoder is closed.
+            IndexError: `index` is out of range.
+            CorruptError: The GOP of the frame, or its background, is damaged.
+            ValueError: The decoder is closed.
         """
         return self.get_frames_at([index])[0]
 
     def get_frames_at(self, indices: Sequence[int]) -> FrameBatch:
-        """Return frames in the order of `indices`; a number may come twice. Raises as above."""
+        """Return frames in the order of `indices`; repeats are fine. Raises as `get_frame_at`."""
         self._gops.check_open()
         numbers = [self._number(index) for index in indices]
         count = len(numbers)
@@ -171,20 +171,20 @@ class Decoder:
         )
 
     def get_frame_played_at(self, seconds: float | Fraction) -> Frame:
-        """Return the frame on screen at a time.
+        """Return the frame shown at a time, in seconds.
 
         Raises:
-            ValueError: nothing is shown then, or the decoder is closed.
+            ValueError: The video shows no frame at that time, or the decoder is closed.
         """
         return self.get_frame_at(self._played_at(seconds))
 
     def get_frames_played_in_range(
         self, start_seconds: float | Fraction, stop_seconds: float | Fraction
     ) -> FrameBatch:
-        """Return the frames on screen from `start_seconds` up to, not at, `stop_seconds`.
+        """Return the frames shown from `start_seconds` up to, but not at, `stop_seconds`.
 
         Raises:
-            ValueError: the range is turned round or reaches out of the video.
+            ValueError: The stop is before the start, or the range exceeds the video.
         """
         ticks = self.metadata.ticks(stop_seconds)
         if start_seconds > stop_seconds or ticks > self.metadata.ticks(self.metadata.end_seconds):
@@ -196,10 +196,10 @@ class Decoder:
         return self.get_frames_at(range(first, last + 1))
 
     def streams(self) -> Iterator[tuple[StreamTags, bytes]]:
-        """Yield the sound and subtitles that were copied from the source, and what they are.
+        """Yield tags and bytes of each copied sound and subtitle stream.
 
-        Each is a small MP4, QuickTime, Matroska or NUT file with one stream, on the clock of the
-        frames' timestamps. Damaged ones are left out with a warning.
+        The bytes are a MP4, QuickTime, Matroska or NUT file with that one stream, on the clock of
+        the frames' timestamps. A damaged stream is left out with a warning.
         """
         self._gops.check_open()
         for tags, chunk in zip_longest(self.metadata.tags.streams, self._reader.streams):
@@ -210,26 +210,26 @@ class Decoder:
                     _log.warning("a copied stream is left out: %s", error)
 
     def render(self, seconds: float | Fraction, size: RequestedSize | None = None) -> Codes:
-        """Return the picture at any time, between frames too.
+        """Return the picture at any time, also between frames.
 
-        At the timestamp of a frame it is that frame. In between, the Gaussians are where their
-        motion takes them. The motion of a GOP ends with its last frame: from there to the first
-        frame of the next one fades into the other, or stays if the two are different shots.
+        At the timestamp of a frame this is the frame; between two frames of a GOP the Gaussians are
+        rendered at that time. Between the last frame of a GOP and the first frame of the next GOP
+        the two frames are cross-faded, or the last frame is held if a cut lies between them.
 
         Args:
-            seconds: from when the first frame appears until before the last one ends; a fraction
-                for a time that no float hits.
-            size: width and height in pixels, -1 = what keeps the shape; or a factor for both;
-                None = that of the decoder.
+            seconds: From the start of the first frame up to, but not at, the end of the last; a
+                fraction for times that a float cannot express.
+            size: Width and height in pixels, -1 = keep the aspect ratio; or a factor for both;
+                None = the size of the decoder.
 
         Returns:
             (H, W, 3), uint8, or uint16 for a bit depth over 8.
 
         Raises:
-            CorruptError: the GOP is damaged.
-            LimitError: the size is over the limits.
-            UsageError: the size makes no sense.
-            ValueError: nothing is shown at that time, or the decoder is closed.
+            CorruptError: The GOP, or its background, is damaged.
+            LimitError: The size is over the limits.
+            UsageError: The size is invalid.
+            ValueError: The video shows no frame at that time, or the decoder is closed.
         """
         picture: Codes = self.render_many([seconds], size)[0]
         return picture
@@ -237,7 +237,7 @@ class Decoder:
     def render_many(
         self, seconds: Iterable[float | Fraction], size: RequestedSize | None = None
     ) -> Codes:
-        """Return the pictures at several times, (F, H, W, 3), in their order; see `render`."""
+        """Return the pictures at several times, (F, H, W, 3), in that order; see `render`."""
         self._gops.check_open()
         pixels = self.size
         if size is not None:
@@ -255,9 +255,9 @@ class Decoder:
         return data
 
     def rendered(self, seconds: Iterable[float | Fraction]) -> Iterator[tuple[int, Codes]]:
-        """Yield the number and the picture of each of many times, few of them in memory.
+        """Yield number and picture for each time in `seconds`, with one batch in memory.
 
-        With `keep_going`, pictures of damaged GOPs are left out and counted.
+        With `keep_going`, pictures of damaged GOPs are left out and counted in `lost_frames`.
         """
         self._gops.check_open()
         numbered = enumerate(map(self.metadata.shown, seconds))
@@ -275,7 +275,7 @@ class Decoder:
                     yield from zip(numbers, pictures, strict=True)
 
     def starts_at(self, index: int) -> Fraction:
-        """Return when a frame appears, seconds; raises as `get_frame_at`."""
+        """Return the timestamp of a frame, seconds. Raises as `get_frame_at`."""
         self._gops.check_open()
         number = self._number(index)
         gop = self._reader.gop_of_frame(number)
@@ -285,11 +285,11 @@ class Decoder:
         return int(self._gops.get(gop).pts[number - entry.first_frame]) * base
 
     def first_frame_from(self, seconds: float | Fraction) -> int:
-        """Return the number of the first frame that starts at a time or later; it may be the end.
+        """Return the first frame that starts at a time or later; `len(self)` if none does.
 
         Raises:
-            CorruptError: the GOP that plays at that time is damaged.
-            ValueError: the time is not finite, or the decoder is closed.
+            CorruptError: The GOP shown at that time is damaged.
+            ValueError: The time is not finite, or the decoder is closed.
         """
         self._gops.check_open()
         ticks = ceil(self.metadata.ticks(seconds))
@@ -298,9 +298,9 @@ class Decoder:
         return self._gops.frame_at(ticks - 1) + 1
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
-        """Yield frames `start` up to `stop`, None = to the end, with few of them in memory.
+        """Yield frames `start` up to `stop`, None = to the end, with one batch in memory.
 
-        With `keep_going`, frames that are damaged or lost are left out and counted.
+        With `keep_going`, damaged and lost frames are left out and counted in `lost_frames`.
         """
         self._gops.check_open()
         stop = len(self) if stop is None else min(stop, len(self))
@@ -319,11 +319,11 @@ class Decoder:
             start = end
 
     def _place(self, ticks: Fraction) -> tuple[int, bool]:
-        """Return the position of the GOP that plays, and whether it fades into the next one."""
+        """Return the position of the GOP at a time, and whether its last frame is over."""
         return self._gops.position_at(ticks), self._gops.is_between(ticks)
 
     def _lose(self, count: int, what: str, error: CorruptError) -> None:
-        """Count and report pictures that are left out, or raise the `error` that costs them."""
+        """With `keep_going`, count lost pictures and warn; otherwise raise `error`."""
         if not self._keep_going:
             raise error
         self.lost_frames += count
@@ -335,7 +335,7 @@ class Decoder:
         return self._reader.header.width, self._reader.header.height
 
     def _check_whole(self) -> None:
-        """Refuse a file that is cut short or damaged, unless `keep_going` is set."""
+        """Raise a CorruptError for a file that is cut short, unless `keep_going` is set."""
         if self._reader.recovered and not self._keep_going:
             found = sum(entry.frames for entry in self._reader.gops)
             raise CorruptError(
@@ -344,14 +344,14 @@ class Decoder:
             )
 
     def _number(self, index: int) -> int:
-        """Return a frame number from 0 for an index that may count from the end."""
+        """Return the frame number, from 0, for an index that may be negative."""
         number = index + len(self) if index < 0 else index
         if not 0 <= number < len(self):
             raise IndexError(f"frame {index} of a video of {len(self)} frames")
         return number
 
     def _played_at(self, seconds: float | Fraction) -> int:
-        """Return the number of the frame on screen at a time."""
+        """Return the number of the frame shown at a time."""
         self._gops.check_open()
         return self._gops.frame_at(floor(self.metadata.shown(seconds)))
 
@@ -371,27 +371,28 @@ def open(
     """Open a .gsvr file for decoding.
 
     Args:
-        path: the file.
-        size: of the pictures: width and height in pixels, where -1 is what keeps the shape and -2
-            the even number next to that; or a factor for both; None = as coded.
-        layers: "dynamic" = only the Gaussians that move otherwise than most, "static" = only the
-            others, "all".
-        bit_depth: bits of a sample, 8 to 16; None = 8, or 10 for a source of more than 8. Pictures
+        path: The file.
+        size: Size of the pictures: width and height in pixels, where -1 keeps the aspect ratio and
+            -2 also rounds to an even number; or a factor for both; None = as coded.
+        layers: Gaussians to draw: "dynamic" = those that move against the median motion of their
+            GOP, "static" = all others, or "all".
+        bit_depth: Bits a sample, 8 to 16; None = 8, or 10 for a source of more than 8. Pictures
             are uint8, or uint16 for more than 8 bits.
-        threads: to render with; 0 = GSVR_THREADS or all cores. Does not change the pictures.
-        device: what renders: "cpu", "cuda", "cuda:N", or "auto" = the first GPU if it is usable.
-            From a GPU pictures are torch tensors on it.
-        arrays: give NumPy arrays from a GPU too.
-        limits: what to accept; None = the defaults, or the environment's.
-        keep_going: also open a file that was cut short, and leave out damaged GOPs when iterating.
+        threads: Threads for rendering; 0 = GSVR_THREADS or all cores. Does not change the pictures.
+        device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
+            else the CPU. A GPU renders to torch tensors in its memory.
+        arrays: Copy the pictures of a GPU to NumPy arrays.
+        limits: What to accept; None = the defaults, or those of the environment.
+        keep_going: Also open a file that is cut short, and leave out damaged GOPs when iterating.
 
     Raises:
-        InputError: the file cannot be read.
-        NotGsvrError: it is something else.
-        CorruptError: it is damaged.
-        UnsupportedError: it needs something this version does not have, or is over `limits`.
-        UsageError: there is no such size, depth, layer or device.
-        DeviceError: the GPU that was asked for is not usable.
+        InputError: The file cannot be read.
+        NotGsvrError: The file does not start with the signature.
+        CorruptError: The file is damaged.
+        UnsupportedError: The file needs a feature that this version does not have, or is over
+            `limits`.
+        UsageError: Size, bit depth, layers or device is invalid.
+        DeviceError: The requested GPU is not usable.
     """
     return Decoder(
         path,

@@ -1,4 +1,4 @@
-"""From a .gsvr file to a video file of another format, frame by frame."""
+"""Export of a .gsvr file to a video file of another format."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from gsvrcodec.video.write import DEEP, WITH_STREAMS, muxer_of, open_writer
 
 _log = logging.getLogger(__name__)
 
-#: Sample aspect ratios of some formats are fractions of 8-bit numbers.
+#: Greatest term of a sample aspect ratio: some formats store 8-bit numbers.
 _MAX_ASPECT = 255
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecodeResult:
-    """What came of `decode`."""
+    """Result of `decode`."""
 
     frames: int  #: frames written
-    lost_frames: int  #: frames left out because they were damaged
+    lost_frames: int  #: damaged frames, left out
     complete: bool  #: False = the file was cut short or damaged, and `keep_going` was set
 
 
@@ -61,42 +61,43 @@ def decode(
     limits: Limits | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DecodeResult:
-    """Write a .gsvr file as a video: its frames at their times, or new ones at any rate and size.
+    """Write a .gsvr file as a video: the stored frames, or frames at another rate and size.
 
     Args:
-        src: the .gsvr file.
+        src: The .gsvr file.
         dst: .mp4, .mkv, .y4m, a numbered .png; "-" or None = standard output.
         muxer: "mp4", "mkv", "y4m", "png", "md5" or "null"; None = by the suffix of `dst`.
-        start_frame: first frame to write, from 0.
-        frames: how many to write; None = to the end. Fewer come if the video ends before.
-        start_seconds: instead of `start_frame`: write what starts at this time or later. Seconds
-            on the clock of the video's timestamps.
-        stop_seconds: instead of `frames`: write what starts before this time.
-        fps: pictures a second of the output, at a constant rate, rendered between frames; over 0,
-            at most 1000. None = the frames as they are, or their mean rate if `speed` is not 1.
-        speed: seconds of the film that pass in one second of the output; over 0, at most 1000.
-            Times are divided by it.
-        size: width and height of the output in pixels, where -1 is what keeps the shape and -2
-            the even number next to that; or a factor for both; None = as coded.
-        layers: "dynamic" = only the Gaussians that move otherwise than most, "static" = only the
-            others, "all".
-        bit_depth: bits of a sample of the output, 8 or 10; None = 10 for a source of more than 8
-            bits where the output is .mp4 (then as HEVC), .mkv or .y4m, else 8.
-        overwrite: replace an output that exists.
-        keep_going: decode what is left of a damaged file.
-        crf: quality of H.264 or HEVC, 0 (best) to 51.
-        codec_preset: effort of their encoders, as x264 and x265 name it.
-        threads: to render and to code with; 0 = all cores.
-        device: what renders: "cpu", "cuda", "cuda:N", or "auto" = the first GPU if it is usable.
-        limits: what to accept; None = the defaults, or the environment's.
-        progress: is told how many frames are done, and how many there are to do.
+        start_frame: First frame to write, from 0.
+        frames: Number of frames to write; None = to the end. Fewer if the video ends before.
+        start_seconds: Instead of `start_frame`: write frames that start at this time or later.
+            Seconds on the clock of the video's timestamps.
+        stop_seconds: Instead of `frames`: write frames that start before this time.
+        fps: Constant frame rate of the output, rendered between the stored frames; over 0, at most
+            1000. None = the stored frames, or their mean rate if `speed` is not 1.
+        speed: Seconds of the film in one second of the output; over 0, at most 1000. Timestamps
+            are divided by `speed`.
+        size: Width and height of the output in pixels, where -1 keeps the aspect ratio and -2 also
+            rounds to an even number; or a factor for both; None = as coded.
+        layers: Gaussians to draw: "dynamic" = those that move against the median motion of their
+            GOP, "static" = all others, or "all".
+        bit_depth: Bits a sample of the output, 8 or 10; None = 10 for a source of more than 8 bits
+            if the output is .mp4 (then as HEVC), .mkv or .y4m, else 8.
+        overwrite: Replace an existing output.
+        keep_going: Decode the undamaged GOPs of a damaged file.
+        crf: Quality of H.264 or HEVC, 0 (best) to 51.
+        codec_preset: Effort of x264 or x265, one of their preset names.
+        threads: Threads for rendering and for the output's encoder; 0 = all cores.
+        device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
+            else the CPU.
+        limits: What to accept; None = the defaults, or those of the environment.
+        progress: Called with the number of frames done and the number of all frames.
 
     Raises:
-        DeviceError: the GPU that was asked for is not usable.
-        UsageError: the part of the film, the size, a rate or the output's name does not fit.
-        OutputError: the output exists or cannot be written.
-        CorruptError: the file is damaged, and `keep_going` is not set or nothing is left of it.
-        InputError, UnsupportedError: as `gsvrcodec.open`.
+        DeviceError: The requested GPU is not usable.
+        UsageError: Part of the film, size, rate or name of the output is invalid.
+        OutputError: The output exists or cannot be written.
+        CorruptError: The file is damaged, and `keep_going` is not set or no frame can be decoded.
+        InputError, UnsupportedError: As `gsvrcodec.open`.
     """
     muxer = muxer_of(dst, muxer)
     if bit_depth not in (None, 8, 10):
@@ -146,7 +147,7 @@ def decode(
 
 
 def _ahead(pictures: Iterator[TimedPicture], count: int) -> Generator[TimedPicture, None, None]:
-    """Yield what `pictures` does; a thread makes the next `count` while the caller has the last."""
+    """Yield the items of `pictures`; a thread renders up to `count` of them in advance."""
     with ThreadPoolExecutor(1, "gsvr-render") as worker:
         try:
             coming = deque(worker.submit(next, pictures, None) for _ in range(count))
@@ -160,7 +161,7 @@ def _ahead(pictures: Iterator[TimedPicture], count: int) -> Generator[TimedPictu
 def _output_info(
     decoder: Decoder, plan: Schedule, crf: int, codec_preset: str, threads: int
 ) -> OutputInfo:
-    """Return what the writer must know."""
+    """Return size, timing, colour and coding options of the output."""
     meta = decoder.metadata
     width, height = decoder.size
     return OutputInfo(
@@ -182,7 +183,7 @@ def _output_info(
 
 
 def _extras(decoder: Decoder, plan: Schedule) -> dict[str, Any]:
-    """Return what goes into the output beside the pictures: fields of `OutputInfo`."""
+    """Return tags, copied streams and their span, as fields of `OutputInfo`."""
     meta = decoder.metadata
     span = Span(
         None if plan.start <= meta.begin_seconds else plan.start,
@@ -196,9 +197,9 @@ def _extras(decoder: Decoder, plan: Schedule) -> dict[str, Any]:
 
 
 def _sample_aspect(decoder: Decoder) -> Fraction:
-    """Return the shape of a pixel that leaves the shape of the picture as it was.
+    """Return the sample aspect ratio that keeps the display aspect ratio at the output's size.
 
-    A size that is only rounded to whole or even pixels does not change it.
+    Rounding of the size to whole or even pixels does not change the sample aspect ratio.
     """
     meta, (width, height) = decoder.metadata, decoder.size
     if abs(width * meta.height - height * meta.width) <= max(meta.width, meta.height):

@@ -1,4 +1,4 @@
-"""What a decoder gives: frames, batches of frames, and the facts about the whole video."""
+"""Results of a decoder: frames, batches of frames, and metadata of the video."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gsvrcodec.render import Codes
 
 _log = logging.getLogger(__name__)
 
-#: Ticks that a time in seconds may be away from the timestamp it was computed from.
+#: Tolerance of a time in seconds against the timestamp that it stands for, ticks.
 _TICK_TOLERANCE = Fraction(1, 10**6)
 
 
@@ -29,23 +29,23 @@ class Frame:
     """One decoded picture."""
 
     data: Codes  #: (H, W, 3) red, green, blue
-    index: int  #: number in the video, from 0
-    pts: int  #: presentation time, ticks of the time base
-    duration: int  #: how long it is shown, ticks; 0 = not known
-    pts_seconds: float  #: presentation time, seconds
-    duration_seconds: float  #: how long it is shown, seconds
+    index: int  #: frame number, from 0
+    pts: int  #: presentation timestamp, ticks of the time base
+    duration: int  #: display duration, ticks; 0 = not known
+    pts_seconds: float  #: presentation timestamp, seconds
+    duration_seconds: float  #: display duration, seconds; 0 = not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameBatch:
-    """Several decoded pictures, in the order asked for."""
+    """Several decoded pictures, in the requested order."""
 
     data: Codes  #: (F, H, W, 3) red, green, blue
-    index: NDArray[np.int64]  #: (F,) numbers in the video, from 0
-    pts: NDArray[np.int64]  #: (F,) presentation times, ticks of the time base
-    duration: NDArray[np.int64]  #: (F,) how long each is shown, ticks; 0 = not known
-    pts_seconds: NDArray[np.float64]  #: (F,) presentation times, seconds
-    duration_seconds: NDArray[np.float64]  #: (F,) how long each is shown, seconds
+    index: NDArray[np.int64]  #: (F,) frame numbers, from 0
+    pts: NDArray[np.int64]  #: (F,) presentation timestamps, ticks of the time base
+    duration: NDArray[np.int64]  #: (F,) display durations, ticks; 0 = not known
+    pts_seconds: NDArray[np.float64]  #: (F,) presentation timestamps, seconds
+    duration_seconds: NDArray[np.float64]  #: (F,) display durations, seconds; 0 = not known
 
     def __len__(self) -> int:
         """Return the number of frames F."""
@@ -69,41 +69,41 @@ class FrameBatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metadata:
-    """The video in a .gsvr file."""
+    """Properties of the video in a .gsvr file."""
 
     width: int  #: pixels
     height: int  #: pixels
     frames: int  #: frames in the video
-    gops: int  #: groups of pictures
-    gaussians: int  #: of all GOPs and backgrounds together
+    gops: int  #: GOPs in the video
+    gaussians: int  #: sum over all GOPs and backgrounds
     time_base: Fraction  #: seconds a tick
-    begin_seconds: Fraction  #: when the first frame appears
-    end_seconds: Fraction  #: when the last frame ends
-    average_rate: Fraction  #: frames a second, mean
+    begin_seconds: Fraction  #: timestamp of the first frame
+    end_seconds: Fraction  #: end of the last frame
+    average_rate: Fraction  #: mean frame rate, frames a second
     sample_aspect: Fraction  #: width of a pixel over its height
     rotation: int  #: degrees clockwise that a player turns the picture by
     mirrored: bool  #: whether a player mirrors the picture left to right before it turns it
     bit_depth: int  #: bits a sample of the source
-    colour: ColourInfo  #: CICP tags of the source
-    version: str  #: of the bitstream
-    size_bytes: int  #: of the whole file
-    streams_bytes: int  #: of these, what copied sound and other streams take
-    settings: dict[str, Any]  #: what the encoder was told; empty = not recorded
+    colour: ColourInfo  #: colour tags of the source
+    version: str  #: bitstream version
+    size_bytes: int  #: size of the whole file
+    streams_bytes: int  #: size of the copied streams in the file
+    settings: dict[str, Any]  #: settings of the encoder; empty = not recorded
     tags: Tags  #: titles, languages and chapters; empty = the source had none
 
     @property
     def duration_seconds(self) -> Fraction:
-        """How long the video runs, seconds."""
+        """Duration of the video, seconds."""
         return self.end_seconds - self.begin_seconds
 
     @property
     def bpp(self) -> float:
-        """Bits a pixel and frame, copied streams left out."""
+        """Bits a pixel and frame, without copied streams."""
         bits = 8 * (self.size_bytes - self.streams_bytes)
         return bits / (self.frames * self.width * self.height)
 
     def ticks(self, seconds: float | Fraction) -> Fraction:
-        """Return a time in ticks and parts of one; a whole number if it is all but one."""
+        """Return a time in ticks; within `_TICK_TOLERANCE` of a whole number it is rounded."""
         if not isfinite(seconds):
             raise ValueError(f"a time in seconds must be finite, not {seconds}")
         ticks = Fraction(seconds) / self.time_base
@@ -111,7 +111,7 @@ class Metadata:
         return Fraction(whole) if abs(ticks - whole) <= _TICK_TOLERANCE else ticks
 
     def shown(self, seconds: float | Fraction) -> Fraction:
-        """Return a time in ticks; raise `ValueError` if nothing is on screen then."""
+        """Return a time in ticks; raise `ValueError` if the video shows no frame at that time."""
         ticks = self.ticks(seconds)
         if not self.begin_seconds <= ticks * self.time_base < self.end_seconds:
             raise ValueError(f"nothing is shown at {seconds} s: {self.span}")
@@ -119,13 +119,13 @@ class Metadata:
 
     @property
     def span(self) -> str:
-        """When the video starts and ends, for messages."""
+        """Start and end of the video in words, for messages."""
         begin, end = float(self.begin_seconds), float(self.end_seconds)
         return f"the video runs from {begin:.6g} s to {end:.6g} s"
 
     @classmethod
     def of(cls, reader: GsvrReader) -> Metadata:
-        """Return what header, index and settings say; no GOP is read."""
+        """Return the metadata from header, index and auxiliary chunks; no GOP is read."""
         header, gops = reader.header, reader.gops
         begin = gops[0].start_pts * header.time_base
         end = (gops[-1].last_pts + max(gops[-1].last_duration, 1)) * header.time_base
@@ -153,7 +153,7 @@ class Metadata:
 
 
 def _settings(reader: GsvrReader) -> dict[str, Any]:
-    """Return the encoder's settings; no picture depends on them, so damage only warns."""
+    """Return the encoder's settings; decoding does not need them, so damage only warns."""
     try:
         return reader.settings()
     except CorruptError as error:
@@ -162,7 +162,7 @@ def _settings(reader: GsvrReader) -> dict[str, Any]:
 
 
 def _tags(reader: GsvrReader) -> Tags:
-    """Return titles and chapters; no picture depends on them, so damage only warns."""
+    """Return titles and chapters; decoding does not need them, so damage only warns."""
     try:
         return reader.tags()
     except (CorruptError, LimitError) as error:

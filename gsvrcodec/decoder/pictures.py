@@ -1,4 +1,4 @@
-"""From GOPs to pictures as they were asked for: size, bit depth, layers."""
+"""Rendering of GOPs to pictures of the requested size, bit depth and layers."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from gsvrcodec.model.layers import Layers, select_layers
 from gsvrcodec.model.time import normalised_time, time_at
 from gsvrcodec.render import Codes, empty_frames, render_frames
 
-#: Width and height in pixels, where -1 stands for what keeps the shape and -2 for the even number
-#: next to that; or a factor for both.
+#: Width and height in pixels, where -1 keeps the aspect ratio and -2 also rounds to an even number;
+#: or a factor for both.
 RequestedSize = tuple[int, int] | float
 
-#: Two frames that differ by more than this part of white, on average, belong to two shots.
-_CUT = 0.1
+#: Mean absolute difference of two frames that makes a cut between them, white = 1.
+_CUT_DIFFERENCE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureMaker:
-    """Renders GOPs of one video; all of its pictures have one depth and show the same layers."""
+    """Renders the GOPs of one video, all pictures with the same bit depth and layers."""
 
     coded_size: tuple[int, int]  #: width and height of the coded frame, pixels
-    size: tuple[int, int]  #: width and height of the pictures if none is asked for, pixels
+    size: tuple[int, int]  #: default width and height of the pictures, pixels
     layers: Layers  #: which Gaussians to draw
-    bit_depth: int  #: bits of a sample, 8 to 16
-    threads: int  #: to render with; 0 = GSVR_THREADS or all cores
-    device: str = "cpu"  #: that renders: "cpu" or "cuda:N"
-    tensors: bool = False  #: pictures are torch tensors on that GPU, not arrays
+    bit_depth: int  #: bits a sample, 8 to 16
+    threads: int  #: threads for rendering; 0 = GSVR_THREADS or all cores
+    device: str = "cpu"  #: device for rendering: "cpu" or "cuda:N"
+    tensors: bool = False  #: whether pictures are torch tensors on the GPU, not arrays
 
     def __post_init__(self) -> None:
-        """Refuse what no picture can be."""
+        """Raise a UsageError for unknown layers or a bit depth out of range."""
         if self.layers not in get_args(Layers):
             raise UsageError(
                 f"`layers` must be one of {', '.join(get_args(Layers))}, not {self.layers!r}"
@@ -49,20 +49,20 @@ class PictureMaker:
             raise UsageError(f"the bit depth must be 8 to 16, not {self.bit_depth}")
 
     def empty(self, count: int, size: tuple[int, int]) -> Codes:
-        """Return room for `count` pictures of `size`, (count, H, W, 3)."""
+        """Return uninitialised pictures of `size`, shape (count, H, W, 3)."""
         place = self.device if self.tensors else "cpu"
         return empty_frames(count, size, bit_depth=self.bit_depth, device=place)
 
     def frames(
         self, content: GopContent, inside: NDArray[np.int64], size: tuple[int, int], out: Codes
     ) -> None:
-        """Render the frames numbered `inside` (F,) a GOP into `out` (F, H, W, 3)."""
+        """Render the frames `inside` (F,), counted from 0 in the GOP, to `out` (F, H, W, 3)."""
         self._render(content.gop, normalised_time(content.pts)[inside], size, out)
 
     def moments(
         self, content: GopContent, ticks: Sequence[Fraction], size: tuple[int, int], out: Codes
     ) -> None:
-        """Render a GOP at any times `ticks` (F,) into `out` (F, H, W, 3)."""
+        """Render a GOP at the times `ticks` (F,) to `out` (F, H, W, 3)."""
         taus = np.array([time_at(content.pts, tick) for tick in ticks], np.float32)
         self._render(content.gop, taus, size, out)
 
@@ -74,24 +74,24 @@ class PictureMaker:
         size: tuple[int, int],
         out: Codes,
     ) -> None:
-        """Mix the last frame of a GOP and the first of the next into `out` (F, H, W, 3).
+        """Cross-fade the last frame of a GOP and the first of the next to `out` (F, H, W, 3).
 
-        `ticks` (F,) lie between the two, and each weighs as much as the time is near to it. If
-        they differ as two shots do, the first one stays.
+        The weights are linear in the times `ticks` (F,), which lie between the two frames. If the
+        frames differ by more than `_CUT_DIFFERENCE`, the last frame is held.
         """
         ends = empty_frames(2, size, bit_depth=self.bit_depth)
         self.moments(before, [Fraction(int(before.pts[-1]))], size, ends[:1])
         self.moments(after, [Fraction(int(after.pts[0]))], size, ends[1:])
         held, step = ends[0].astype(np.float32), ends[1].astype(np.float32) - ends[0]
         start, span = int(before.pts[-1]), int(after.pts[0]) - int(before.pts[-1])
-        cut = float(np.abs(step).mean()) > _CUT * (2**self.bit_depth - 1)
+        cut = float(np.abs(step).mean()) > _CUT_DIFFERENCE * (2**self.bit_depth - 1)
         for picture, tick in zip(out, ticks, strict=True):
             weight = 0.0 if cut else float((tick - start) / span)
             mixed = held + np.float32(weight) * step + np.float32(0.5)
             _fill(picture, mixed.astype(ends.dtype))
 
     def _render(self, gop: Gop, taus: Float32Array, size: tuple[int, int], out: Codes) -> None:
-        """Render a GOP at times `taus` (F,) into `out` (F, H, W, 3)."""
+        """Render a GOP at the normalised times `taus` (F,) to `out` (F, H, W, 3)."""
         render_frames(
             select_layers(gop, self.layers, self.coded_size),
             taus,
@@ -105,7 +105,7 @@ class PictureMaker:
 
 
 def _fill(picture: Any, codes: Codes) -> None:
-    """Store samples in an array, or in a tensor on a GPU."""
+    """Copy samples into an array, or into a tensor on a GPU."""
     if isinstance(picture, np.ndarray):
         picture[:] = codes
     else:
@@ -115,16 +115,16 @@ def _fill(picture: Any, codes: Codes) -> None:
 def picture_size(
     size: RequestedSize | None, coded: tuple[int, int], limits: Limits
 ) -> tuple[int, int]:
-    """Return width and height in pixels.
+    """Return the width and height, in pixels, that a requested size stands for.
 
     Args:
-        size: what was asked for; None = as coded.
-        coded: width and height of the coded frame, pixels.
-        limits: what is allowed.
+        size: Requested size; None = as coded.
+        coded: Width and height of the coded frame, pixels.
+        limits: What is allowed.
 
     Raises:
-        UsageError: it is nothing that a picture can have.
-        LimitError: it is over the limits.
+        UsageError: The size is invalid.
+        LimitError: The size is over the limits.
     """
     width, height = _pixels(coded if size is None else size, coded)
     if width < 1 or height < 1:
@@ -136,7 +136,7 @@ def picture_size(
 
 
 def _pixels(size: RequestedSize, coded: tuple[int, int]) -> tuple[int, int]:
-    """Return the width and height that `size` stands for."""
+    """Return the width and height that `size` stands for, not yet checked."""
     if not isinstance(size, tuple):
         if not (isfinite(size) and size > 0):
             raise UsageError(f"a scale must be a number over 0, not {size}")
@@ -145,14 +145,14 @@ def _pixels(size: RequestedSize, coded: tuple[int, int]) -> tuple[int, int]:
     if width < 0 and height < 0:
         raise UsageError("give the width or the height: both cannot follow from the other")
     if width < 0:
-        width = _kept(width, height * coded[0] / coded[1])
+        width = _rounded_side(width, height * coded[0] / coded[1])
     elif height < 0:
-        height = _kept(height, width * coded[1] / coded[0])
+        height = _rounded_side(height, width * coded[1] / coded[0])
     return width, height
 
 
-def _kept(step: int, exact: float) -> int:
-    """Return the multiple of -step, at least one, that is nearest to a side's `exact` length."""
+def _rounded_side(step: int, exact: float) -> int:
+    """Return the positive multiple of -step nearest to `exact`, the length of a side in pixels."""
     if step not in (-1, -2):
         raise UsageError(f"a side must be a number of pixels, -1 or -2, not {step}")
     return max(-step, -step * round(exact / -step))

@@ -1,4 +1,4 @@
-"""Which pictures of a film to make, and when each of them is shown."""
+"""Schedule of an export: which pictures to render, with which timestamps."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from gsvrcodec.decoder.decoder import Decoder
 from gsvrcodec.errors import UsageError
 from gsvrcodec.render import Codes
 
-#: Rates of containers are fractions of 32-bit numbers.
+#: Greatest denominator of a rate; containers store rates as fractions of 32-bit numbers.
 _MAX_DENOMINATOR = 100_000
 
-#: The most frames a second, and the fastest speed.
+#: Greatest frame rate, frames a second, and greatest speed.
 _MAX_RATE = 1000
 
-#: A time in seconds or a rate; the fraction for values that no float hits.
+#: A time in seconds or a rate; a fraction for values that a float cannot express.
 Number = float | Fraction
 
 
 class TimedPicture(NamedTuple):
-    """A picture and when it is shown."""
+    """A picture with its timestamp and duration."""
 
     data: Codes  #: (H, W, 3)
-    pts: int  #: ticks of the schedule
+    pts: int  #: ticks of the schedule's time base
     duration: int  #: ticks; 0 = not known
 
 
 class Schedule(Protocol):
-    """The pictures to make, in order."""
+    """The pictures to render, in order."""
 
     @property
     def total(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
 
     @property
     def first_frame(self) -> int:
@@ -47,38 +47,38 @@ class Schedule(Protocol):
 
     @property
     def rate(self) -> Fraction:
-        """Pictures a second, mean."""
+        """Mean frame rate, pictures a second."""
 
     @property
     def start(self) -> Fraction:
-        """When the part of the film starts that is shown, seconds of the film."""
+        """Start of the chosen part, seconds of the film."""
 
     @property
     def stop(self) -> Fraction:
-        """When that part ends, seconds of the film."""
+        """End of the chosen part, not included, seconds of the film."""
 
     @property
     def speed(self) -> Fraction:
-        """Seconds of the film that pass in one second."""
+        """Seconds of the film in one second of the output."""
 
     def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
-        """Make the pictures; a decoder that keeps going leaves out those that are damaged."""
+        """Render the pictures; with `keep_going` the decoder leaves out damaged ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredFrames:
-    """Frames as the file has them, at their own times."""
+    """The stored frames at their own timestamps."""
 
-    frames: range  #: their numbers
-    start: Fraction  #: of the part to show, seconds
-    stop: Fraction  #: of the part to show, not included, seconds
+    frames: range  #: frame numbers
+    start: Fraction  #: start of the chosen part, seconds of the film
+    stop: Fraction  #: end of the chosen part, not included, seconds of the film
     time_base: Fraction
     rate: Fraction
     speed = Fraction(1)
 
     @property
     def total(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
         return len(self.frames)
 
     @property
@@ -87,35 +87,35 @@ class StoredFrames:
         return self.frames.start
 
     def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
-        """Make the pictures."""
+        """Render the pictures."""
         for frame in decoder.frames(self.frames.start, self.frames.stop):
             yield TimedPicture(frame.data, frame.pts, frame.duration)
 
 
 @dataclass(frozen=True, slots=True)
 class SteadyRate:
-    """Pictures at a constant rate, made at the times when they are due, between frames too."""
+    """Pictures at a constant rate, each rendered at its own time, also between stored frames."""
 
-    start: Fraction  #: of the part to show, seconds
-    stop: Fraction  #: of the part to show, not included, seconds
+    start: Fraction  #: start of the chosen part, seconds of the film
+    stop: Fraction  #: end of the chosen part, not included, seconds of the film
     rate: Fraction
-    speed: Fraction  #: seconds of the film that pass in one second
+    speed: Fraction  #: seconds of the film in one second of the output
     first_frame = 0
 
     @property
     def total(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
         return ceil((self.stop - self.start) * self.rate / self.speed)
 
     @property
     def time_base(self) -> Fraction:
-        """Seconds a tick: the longest tick that all times are multiples of."""
+        """Seconds a tick: the longest tick of which all timestamps are multiples."""
         first, step = self.start / self.speed, 1 / self.rate
         a, b = first.numerator * step.denominator, step.numerator * first.denominator
         return Fraction(gcd(a, b), first.denominator * step.denominator)
 
     def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
-        """Make the pictures."""
+        """Render the pictures."""
         first = int(self.start / self.speed / self.time_base)
         step = int(1 / self.rate / self.time_base)
         times = (self.start + n * self.speed / self.rate for n in range(self.total))
@@ -133,11 +133,11 @@ def schedule(
     fps: Number | None = None,
     speed: Number = 1,
 ) -> Schedule:
-    """Return the pictures to make of a part of the film; see `gsvrcodec.decode`.
+    """Return the schedule of a part of the film; arguments as of `gsvrcodec.decode`.
 
     Raises:
-        UsageError: the part is empty, is given twice, or a rate makes no sense.
-        CorruptError: the part begins or ends in a damaged GOP.
+        UsageError: The part is empty or given twice, or a rate is out of range.
+        CorruptError: The part starts or ends in a damaged GOP.
     """
     if start_seconds is not None and start_frame:
         raise UsageError("`start_seconds` and `start_frame` exclude each other; give one")
@@ -174,14 +174,14 @@ def schedule(
 
 
 def _seconds(decoder: Decoder, seconds: Number) -> Fraction:
-    """Return a time as it can be reckoned with, whole ticks if it is all but that."""
+    """Return a time as an exact fraction, rounded to whole ticks if it is within tolerance."""
     if not isfinite(seconds):
         raise UsageError(f"a time in seconds must be finite, not {seconds}")
     return decoder.metadata.ticks(seconds) * decoder.metadata.time_base
 
 
 def _rate(value: Number, what: str) -> Fraction:
-    """Return a rate as a fraction of numbers that containers can hold."""
+    """Return a rate as a fraction that containers can store; UsageError if out of range."""
     if not (isfinite(value) and 0 < value <= _MAX_RATE):
         raise UsageError(f"the {what} must be over 0 and at most {_MAX_RATE}, not {value}")
     rate = Fraction(value).limit_denominator(_MAX_DENOMINATOR)

@@ -87,7 +87,7 @@ class Field:
         return self.backend.upload(self.backend.picture(prepared, 0.0, size, coded_size))
 
     def drawn(self) -> Gop:
-        """The present state append_gaussians with the background."""
+        """The present state together with the background."""
         gop = self.gop()
         return gop if self._background is None else append_gaussians(gop, self._background)
 

@@ -64,7 +64,7 @@ def fit_gop(
         gaussians: N.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         options: profile, deformation field, flow.
-        allowance: steps or wall time of start, fit and tuning append_gaussians.
+        allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
     """

@@ -1,4 +1,4 @@
-"""Plane codecs: an array of unsigned samples to bytes and back, without loss."""
+"""Lossless codecs of parameter planes: arrays of unsigned samples to bytes and back."""
 
 from gsvrcodec.planes.prior import PlaneStack, PriorPlanes
 from gsvrcodec.planes.table import PACKS, Codec, decode_plane, encode_plane

@@ -1,4 +1,4 @@
-"""Codec 0, constant: all samples of the plane are one value (spec section "Codec 0")."""
+"""Codec 0, constant: all samples of the plane are equal (spec section "Codec 0")."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _VALUE = struct.Struct("<H")
 
 
 def encode(samples: Samples, shape: PlaneShape) -> bytes | None:
-    """Two bytes, or None if the samples differ."""
+    """Code the plane as its value, two bytes; None = the samples differ."""
     first = int(samples.flat[0])
     return _VALUE.pack(first) if (samples == first).all() else None
 
 
 def decode(data: bytes, shape: PlaneShape) -> Samples:
-    """The plane that the two bytes stand for."""
+    """Decode a plane; CorruptError if `data` is not two bytes with a value of `shape.bits` bits."""
     if len(data) != _VALUE.size:
         raise CorruptError(f"constant plane of {len(data)} bytes, expected {_VALUE.size}")
     (value,) = _VALUE.unpack(data)

@@ -1,6 +1,6 @@
-"""Codec 4, context: predicted samples, coded by what their neighbourhood makes likely.
+"""Codec 4, context: linear prediction and context modelling (spec section "Codec 4").
 
-See spec section "Codec 4". The native module does the work; the search for what to tell it is here.
+The native module predicts and codes; this module chooses predictor, contexts and token division.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from gsvrcodec.planes.prediction import predictors
 from gsvrcodec.planes.prior import PriorPlanes
 from gsvrcodec.planes.samples import PlaneShape, Samples
 
-#: Divisions of errors into tokens: numbers with a token of their own (as a power of two), and bits
-#: after the highest that others have in theirs. Few tokens are for small planes.
+#: Divisions of errors into tokens, as `direct` and `top` of the spec: numbers below 2^direct have a
+#: token each; tokens of larger numbers hold `top` bits after the highest. Few tokens suit small
+#: planes.
 _DIVISIONS = ((4, 2), (7, 2), (3, 1), (2, 0))
-#: Numbers of contexts; each holds as many samples as the others.
+#: Numbers of contexts to try; the thresholds are quantiles, so contexts have equal sample counts.
 _CONTEXTS = (1, 2, 3, 4, 6, 8)
-#: Division and contexts with which predictors are compared.
+#: Token division and number of contexts with which predictors are compared.
 _TRIAL = (3, 1), 3
-#: Quantiles are taken from so many samples at most.
+#: Most samples that the quantiles are estimated from.
 _QUANTILE_SAMPLES = 4096
 
 
 def encode(samples: Samples, shape: PlaneShape, prior: PriorPlanes) -> bytes:
-    """The stream of the best predictor, number of contexts and division, one after the other."""
+    """Code a plane; predictor, number of contexts and token division are chosen in turn."""
     errors = np.empty(samples.shape, np.int32)
     around = np.empty(samples.shape, np.uint32)
 
     def predict(predictor: _entropy.Predictor) -> NDArray[np.uint32]:
-        """Fill both arrays; return a sorted sample of the second."""
+        """Fill `errors` and `around`; return a sorted subset of `around`."""
         _entropy.predict(
             samples, shape.bits, prior.planes, prior.columns, predictor, errors, around
         )
@@ -53,7 +54,7 @@ def encode(samples: Samples, shape: PlaneShape, prior: PriorPlanes) -> bytes:
 
 
 def decode(data: bytes, shape: PlaneShape, prior: PriorPlanes) -> Samples:
-    """The samples of a stream that ends with `data`."""
+    """Decode a plane; CorruptError if `data` is damaged or not used up exactly."""
     out = np.empty((shape.height, shape.width), np.uint16)
     try:
         _entropy.decode_context(data, shape.bits, prior.planes, prior.columns, out)
@@ -65,6 +66,6 @@ def decode(data: bytes, shape: PlaneShape, prior: PriorPlanes) -> Samples:
 def _coding(
     division: tuple[int, int], contexts: int, ordered: NDArray[np.uint32]
 ) -> _entropy.Coding:
-    """Contexts bounded by quantiles of `ordered`, the sorted magnitudes around the samples."""
+    """A coding whose context thresholds are quantiles of `ordered`, the sorted `around` values."""
     bounds = ordered[(np.arange(1, contexts) * ordered.size) // contexts]
     return _entropy.Coding(*division, np.unique(bounds[bounds > 0]).tolist())

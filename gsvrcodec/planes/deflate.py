@@ -1,4 +1,4 @@
-"""Codec 1, deflate: samples or their differences as bytes, raw deflate (spec section "Codec 1")."""
+"""Codec 1, deflate: samples, or left differences, as raw deflate (spec section "Codec 1")."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes.samples import PlaneShape, Samples
 
 _RAW_DEFLATE = -15
-#: First byte of the data: what each sample is the difference to.
+#: Predictor, the first byte of the data.
 _PREDICT_NONE = 0
 _PREDICT_LEFT = 1
-#: Noise wants no matches at all, smooth planes do; the smaller result is kept.
+#: Strategies to try: Huffman codes alone suit noise, matches suit smooth planes.
 _STRATEGIES = (zlib.Z_FILTERED, zlib.Z_HUFFMAN_ONLY)
 
 
 def encode(samples: Samples, shape: PlaneShape) -> bytes:
-    """The smaller of plain samples and differences."""
+    """Code a plane with both predictors and all strategies; keep the smallest stream."""
     candidates = []
     for predictor, values in (
         (_PREDICT_NONE, samples),
@@ -34,13 +34,13 @@ def encode(samples: Samples, shape: PlaneShape) -> bytes:
 
 
 def decode(data: bytes, shape: PlaneShape) -> Samples:
-    """Inflate exactly the declared number of samples and undo the prediction."""
+    """Decode a plane; CorruptError if `data` does not inflate to exactly this shape."""
     if not data or data[0] not in (_PREDICT_NONE, _PREDICT_LEFT):
         raise CorruptError(f"unknown predictor {data[0] if data else None} of a deflate plane")
     expected = shape.samples * shape.stored_bytes
     inflater = zlib.decompressobj(_RAW_DEFLATE)
     try:
-        # One byte more than expected shows a stream that is too long, and lets the last one end.
+        # The bound is one byte more than expected: a longer stream shows, and a right one can end.
         planes = inflater.decompress(data[1:], expected + 1)
     except zlib.error as error:
         raise CorruptError(f"damaged deflate stream ({error})") from error
@@ -53,7 +53,7 @@ def decode(data: bytes, shape: PlaneShape) -> Samples:
 
 
 def _differences(samples: Samples, bits: int) -> Samples:
-    """Zigzag differences modulo 2**bits to the left; at the start of a row, to the row above."""
+    """Zigzag-coded differences modulo 2**bits to the left sample; in column 0 to the one above."""
     values = samples.astype(np.int32)
     change = values.copy()
     change[:, 1:] -= values[:, :-1]
@@ -67,14 +67,14 @@ def _integrate(values: Samples, bits: int) -> Samples:
     """The inverse of `_differences`."""
     zigzag: NDArray[np.int32] = values.astype(np.int32)
     change = (zigzag >> 1) ^ -(zigzag & 1)
-    # Sums wrap modulo 2**32, which does no harm: only their lowest 16 bits are used.
+    # Sums wrap modulo 2**32; only their lowest 16 bits are used.
     change[:, 0] = np.cumsum(change[:, 0], dtype=np.int32)
     total = np.cumsum(change, axis=1, dtype=np.int32)
     return (total & ((1 << bits) - 1)).astype(np.uint16)
 
 
 def _split(values: Samples, shape: PlaneShape) -> bytes:
-    """The low bytes of all samples, then, over 8 bits, the high bytes."""
+    """The low bytes of all samples, then, for more than 8 bits, the high bytes."""
     low = (values & 0xFF).astype(np.uint8).tobytes()
     if shape.stored_bytes == 1:
         return low

@@ -10,14 +10,14 @@ from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes.jxl_header import check_codestream
 from gsvrcodec.planes.samples import PlaneShape, Samples, checked
 
-#: Noise does best with 3, all else with 5; more effort takes longer and mostly makes planes larger.
+#: Efforts to try: 3 is best for noise, 5 for other planes; more is slower and seldom smaller.
 _EFFORTS = (3, 5)
 _CONTAINER_START = b"\x00\x00\x00\x0cJXL "
 _BOX = struct.Struct(">I4s")
 
 
 def encode(samples: Samples, shape: PlaneShape) -> bytes | None:
-    """The smallest codestream of some efforts, None if the library makes none that we allow."""
+    """Code a plane with all efforts, keep the smallest; None = no codestream meets the spec."""
     stored = samples.astype(shape.dtype)
     candidates = []
     for effort in _EFFORTS:
@@ -34,7 +34,7 @@ def encode(samples: Samples, shape: PlaneShape) -> bytes | None:
 
 
 def decode(data: bytes, shape: PlaneShape) -> Samples:
-    """The samples of a codestream of exactly this size and depth, which ends with `data`."""
+    """Decode a plane; CorruptError if `data` is not exactly one codestream of this shape."""
     check_codestream(data, shape)
     out = shape.empty()
     try:
@@ -45,7 +45,7 @@ def decode(data: bytes, shape: PlaneShape) -> Samples:
 
 
 def _codestream(data: bytes) -> bytes:
-    """The codestream in `data`; over 12 bits the library wraps it in boxes whatever it is told."""
+    """The bare codestream in `data`; libjxl puts it in boxes above 12 bits, whatever is asked."""
     if not data.startswith(_CONTAINER_START):
         return data
     offset = 0

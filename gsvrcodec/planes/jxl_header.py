@@ -1,7 +1,7 @@
-"""Checks head and length of a JPEG XL codestream (ISO/IEC 18181-1) before a library sees it.
+"""Checks headers and length of a JPEG XL codestream (ISO/IEC 18181-1) before libjxl gets it.
 
-A codestream may hold animations, layers, alpha, previews, splines and colour transforms, and say
-any size. A plane needs none of that: one modular frame of grey integers, of the size known before.
+A general codestream may have any size and hold animations, layers, alpha, previews, splines and
+colour transforms. A plane is restricted to one modular frame of grey integers of known size.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from gsvrcodec.planes.samples import PlaneShape
 _SIGNATURE = b"\xff\x0a"
 _GREY = 1
 _CUSTOM_WHITE_POINT = 2
-#: The only frame flag allowed; it has no meaning for a modular frame, yet encoders set it.
+#: The only frame flag allowed: without effect in a modular frame, but set by encoders.
 _SKIP_LF_SMOOTHING = 128
 
 #: U32 distributions: (bits, offset) for each of the four selectors.
@@ -25,7 +25,7 @@ _RATIOS = ((1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))
 
 
 class _Bits:
-    """Reads bits, the lowest of each byte first."""
+    """Bit reader, the lowest bit of each byte first."""
 
     def __init__(self, data: bytes):
         self._data = data
@@ -42,33 +42,33 @@ class _Bits:
         return value
 
     def u32(self, distributions: tuple[tuple[int, int], ...]) -> int:
-        """A number in one of four ranges, chosen by two bits."""
+        """A U32 field: two bits choose one of four (bits, offset) distributions."""
         bits, offset = distributions[self.take(2)]
         return self.take(bits) + offset
 
     def u64(self) -> int:
-        """A number of up to 8 bits and a little; longer ones, which no field here needs, fail."""
+        """A U64 field up to 272; no field here needs more, larger values raise a CorruptError."""
         selector = self.take(2)
         if selector == 3:
             raise CorruptError("JPEG XL head with an unexpected 64-bit number")
         return self.take(4 * selector) + (0, 1, 17)[selector]
 
     def align(self) -> None:
-        """Skip to the next byte; the bits between must be zero."""
+        """Skip to the next byte; the skipped bits must be zero."""
         if self.take(-self._position % 8):
             raise CorruptError("JPEG XL head with non-zero padding")
 
     @property
     def offset(self) -> int:
-        """Whole bytes read; the position is at the start of a byte."""
+        """Bytes read; call at a byte boundary."""
         return self._position // 8
 
 
 def check_codestream(data: bytes, shape: PlaneShape) -> None:
-    """Refuse a codestream that is not a grey, lossless plane of this shape that ends with `data`.
+    """Check that `data` is exactly one codestream of a grey, lossless plane of this shape.
 
     Raises:
-        CorruptError: It is not.
+        CorruptError: A field of the headers, or the length, is not as the spec requires.
     """
     if not data.startswith(_SIGNATURE):
         raise CorruptError("not a bare JPEG XL codestream")
@@ -98,7 +98,7 @@ def _size(bits: _Bits) -> tuple[int, int]:
 
 
 def _check_metadata(bits: _Bits, depth: int) -> None:
-    """ImageMetadata and the transform data after it."""
+    """Check ImageMetadata and the transform data."""
     _need(not bits.take(1), "default metadata")
     _need(not bits.take(1), "a preview, animation or orientation")
     _need(not bits.take(1), "floating-point samples")
@@ -121,7 +121,7 @@ def _check_metadata(bits: _Bits, depth: int) -> None:
 
 
 def _check_frame(bits: _Bits) -> int:
-    """FrameHeader; returns the width and height of a group, pixels."""
+    """Check FrameHeader; return width and height of a group, pixels."""
     _need(not bits.take(1), "lossy (VarDCT) coding")
     _need(bits.take(2) == 0, "a frame that is not shown")
     _need(bits.take(1) == 1, "lossy (VarDCT) coding")

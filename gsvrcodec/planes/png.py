@@ -1,7 +1,7 @@
 """Codec 2, PNG: a grey image of 8 or 16 bits (spec section "Codec 2").
 
-The image library is called only when the file's structure, size and compressed data were
-checked here: it accepts trailing bytes and a missing end, and converts what is not grey.
+Structure, size and compressed data are checked before the image library is called: the library
+accepts trailing bytes and a missing end, and converts pictures that are not grey.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _LEVEL = 9
 
 
 def encode(samples: Samples, shape: PlaneShape) -> bytes:
-    """The samples as a grey PNG."""
+    """Code a plane as a grey PNG."""
     return bytes(imagecodecs.png_encode(samples.astype(shape.dtype), level=_LEVEL))
 
 
 def decode(data: bytes, shape: PlaneShape) -> Samples:
-    """The samples of a grey PNG of exactly this size and depth."""
+    """Decode a plane; CorruptError if `data` is not exactly one grey PNG of this shape."""
     _check_image_data(_image_data(data, shape), shape)
     out = shape.empty()
     try:
@@ -38,7 +38,7 @@ def decode(data: bytes, shape: PlaneShape) -> Samples:
 
 
 def _image_data(data: bytes, shape: PlaneShape) -> bytes:
-    """Check signature and chunks, and return the joined payloads of the IDAT chunks."""
+    """Check signature and chunks; return the joined payloads of the IDAT chunks."""
     if not data.startswith(_SIGNATURE):
         raise CorruptError("not a PNG")
     parts: list[bytes] = []
@@ -76,14 +76,14 @@ def _check_ihdr(payload: bytes, shape: PlaneShape) -> None:
     if len(payload) != _IHDR.size:
         raise CorruptError(f"PNG header of {len(payload)} bytes")
     found = _IHDR.unpack(payload)
-    # Width, height, depth, then grey, deflate, the five filters, not interlaced.
+    # Width, height, bit depth; grey, deflate, filter method 0, not interlaced.
     expected = (shape.width, shape.height, 8 * shape.stored_bytes, 0, 0, 0, 0)
     if found != expected:
         raise CorruptError(f"PNG header {found}, expected {expected}")
 
 
 def _check_image_data(compressed: bytes, shape: PlaneShape) -> None:
-    """Check that the data inflates to exactly the rows of the plane, each with a known filter."""
+    """Check that the data inflates to exactly the rows of the plane, with known row filters."""
     row = 1 + shape.width * shape.stored_bytes
     expected = row * shape.height
     inflater = zlib.decompressobj()

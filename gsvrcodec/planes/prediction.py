@@ -1,6 +1,6 @@
-"""What the encoder of codec 4 predicts a plane from: fits to the plane, best by trial.
+"""Candidate predictors of codec 4: weights fitted to a plane by the encoder.
 
-Nothing here is part of the format; a decoder reads the weights from the plane.
+None of this is normative: a decoder reads the weights from the plane.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from gsvrcodec.planes.samples import Samples
 
 Floats = NDArray[np.float64]
 NEIGHBOURS = 6
-#: Weights in the file: of prior planes and the bias in 1/256, of neighbours in 1/64.
+#: Units of the coded weights: 1/256 for prior planes and bias, 1/64 for neighbours.
 _PLANE_UNIT = 256
 _NEAR_UNIT = 64
 _MAX_WEIGHT_SUM = 1 << 12
 _MAX_BIAS = (1 << 29) - 1
 _MAX_TERMS = 15
-#: A fit looks at so many samples at most, and repeats to forget the outliers.
+#: Most samples of a fit, and iterations of its reweighting.
 _FIT_SAMPLES = 4096
 _FIT_ROUNDS = 6
 
 
 def predictors(samples: Samples, bits: int, prior: PriorPlanes) -> Iterator[Predictor]:
-    """Predictors worth a trial, for a plane of shape (height, width)."""
+    """Yield candidate predictors of a plane, shape (height, width): constants, left, fits."""
     values = samples.astype(np.float64)
     near = _neighbours(prior.columns, samples.shape)
     guided = prior.columns is not None
@@ -55,12 +55,12 @@ def predictors(samples: Samples, bits: int, prior: PriorPlanes) -> Iterator[Pred
 
 
 def _term_choices(count: int) -> list[int]:
-    """First of the prior planes to use: none of them, the last one, the last two, all."""
+    """Index of the first prior plane of each trial: none, the last, the last two, all planes."""
     return sorted({count, count - 1, count - 2, max(0, count - _MAX_TERMS)} & set(range(count + 1)))
 
 
 def _robust_fit(columns: Floats, target: Floats) -> Floats:
-    """Weights of the columns, shape (k, n), with nearly the least absolute errors."""
+    """Least absolute deviations by iterated reweighting: weights, shape (k,), of columns (k, n)."""
     trust = np.ones(len(target))
     ridge = 1e-3 * np.eye(len(columns)) * len(target)
     weights = np.zeros(len(columns))

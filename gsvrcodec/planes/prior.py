@@ -1,4 +1,4 @@
-"""The planes of a grid as they come: codec 4 refers to those before the one at hand."""
+"""Prior planes: planes of the same grid that stand earlier in the table, for codec 4."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from gsvrcodec.planes.samples import Samples
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PriorPlanes:
-    """The planes of one grid that stand before a plane."""
+    """The prior planes of a plane."""
 
     planes: NDArray[np.uint16]  #: (count, height, width)
-    columns: Samples | None = None  #: (height, width), see `PlaneStack`; None = as without
+    #: (height, width), column of the neighbour above, see `PlaneStack`; None = the same column
+    columns: Samples | None = None
 
     @classmethod
     def none(cls, height: int, width: int) -> PriorPlanes:
-        """What the first plane of a grid has."""
+        """No prior planes: for the first plane of a grid."""
         return cls(np.empty((0, height, width), np.uint16))
 
 
 class PlaneStack:
-    """Collects the planes of one grid."""
+    """Collects the planes of one grid in table order."""
 
     def __init__(self, count: int, height: int, width: int, *, guided: bool = False):
-        """Make room.
+        """Allocate the planes.
 
         Args:
             count: Planes of the grid.
-            height: Rows of each.
+            height: Rows of a plane.
             width: Samples in a row.
-            guided: Whether the first plane tells which samples of neighbouring rows belong
-                together: each goes with the last one of the row above that is not larger, by the
-                first plane (spec section "Codec 4").
+            guided: Whether the first plane chooses the neighbour above of each sample: the last
+                sample of the row above that is not larger in the first plane (spec section
+                "Codec 4").
         """
         self._planes = np.empty((count, height, width), np.uint16)
         self._count = 0
@@ -45,7 +46,7 @@ class PlaneStack:
 
     @property
     def prior(self) -> PriorPlanes:
-        """The planes so far."""
+        """The planes added so far."""
         return PriorPlanes(self._planes[: self._count], self._columns)
 
     def append(self, samples: Samples) -> None:

@@ -1,6 +1,6 @@
-"""Codec 5, ranges: the range of each row, and samples that are all alike in it.
+"""Codec 5, ranges: the range of each row, and uniformly distributed samples in it.
 
-See spec section "Codec 5". Sorted into strips, the y of Gaussians is just that.
+See spec section "Codec 5". The y of Gaussians sorted into strips has this distribution.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from gsvrcodec.planes.samples import PlaneShape, Samples
 
 
 def encode(samples: Samples, shape: PlaneShape) -> bytes:
-    """The ranges of all rows, and where in them the samples are."""
+    """Code a plane: the range of each row, then the samples within their ranges."""
     return _entropy.encode_ranges(samples)
 
 
 def decode(data: bytes, shape: PlaneShape) -> Samples:
-    """The samples of a stream that ends with `data`."""
+    """Decode a plane; CorruptError if `data` is damaged or not used up exactly."""
     out = np.empty((shape.height, shape.width), np.uint16)
     try:
         _entropy.decode_ranges(data, shape.bits, out)

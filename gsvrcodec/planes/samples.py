@@ -1,4 +1,4 @@
-"""What every plane codec has in common: the shape of a plane and the width of its samples."""
+"""Shape of a plane and width of its samples, shared by all plane codecs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gsvrcodec.errors import CorruptError
 
 Samples = NDArray[np.uint16]
-#: Samples in the width that image codecs take: uint8 up to 8 bits, else uint16.
+#: Samples as image codecs store them: uint8 up to 8 bits, else uint16.
 StoredSamples = NDArray[np.unsignedinteger]
 
 MAX_BITS = 16
@@ -18,7 +18,7 @@ MAX_BITS = 16
 
 @dataclass(frozen=True, slots=True)
 class PlaneShape:
-    """Size of a plane and of its samples."""
+    """Width, height and bit depth of a plane."""
 
     width: int  #: samples in a row, at least 1
     height: int  #: rows, at least 1
@@ -40,12 +40,12 @@ class PlaneShape:
         return np.uint8 if self.bits <= 8 else np.uint16
 
     def empty(self) -> StoredSamples:
-        """An array to decode into."""
+        """An uninitialised array of stored samples, shape (height, width)."""
         return np.empty((self.height, self.width), self.dtype)
 
 
 def checked(samples: StoredSamples, shape: PlaneShape) -> Samples:
-    """Decoded samples as uint16.
+    """Return decoded samples as uint16.
 
     Raises:
         CorruptError: A sample does not fit into the declared bits.

@@ -1,4 +1,4 @@
-"""The plane codecs by number, and the choice among them (spec section "Plane codecs")."""
+"""Registry of plane codecs, and the choice of the smallest (spec section "Plane codecs")."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsvrcodec.planes.samples import MAX_BITS, PlaneShape, Samples
 
 
 class Codec(IntEnum):
-    """Registered plane codecs."""
+    """Numbers of the registered plane codecs."""
 
     CONSTANT = 0
     DEFLATE = 1
@@ -25,7 +25,7 @@ class Codec(IntEnum):
     RANGES = 5
 
 
-#: Codecs to choose from, by the name of a packing; a constant plane is always allowed.
+#: Codecs to choose from, by the name of option --pack; `CONSTANT` is always allowed.
 PACKS: Mapping[str, frozenset[Codec]] = {
     "auto": frozenset(Codec),
     "entropy": frozenset({Codec.CONSTANT, Codec.CONTEXT, Codec.RANGES}),
@@ -34,7 +34,7 @@ PACKS: Mapping[str, frozenset[Codec]] = {
     "deflate": frozenset({Codec.CONSTANT, Codec.DEFLATE}),
 }
 
-#: All but codec 4, which looks at other planes too.
+#: All codecs but codec 4, which also needs the prior planes.
 _ENCODERS: Mapping[Codec, Callable[[Samples, PlaneShape], bytes | None]] = {
     Codec.CONSTANT: constant.encode,
     Codec.DEFLATE: deflate.encode,
@@ -49,12 +49,12 @@ _DECODERS: Mapping[Codec, Callable[[bytes, PlaneShape], Samples]] = {
     Codec.JXL: jxl.decode,
     Codec.RANGES: ranges.decode,
 }
-#: In which codecs are tried: those first that end the search or are mostly best.
+#: Order of trials: first the codecs that end the search or are usually the smallest.
 _ORDER = (Codec.CONSTANT, Codec.RANGES, Codec.CONTEXT, Codec.DEFLATE, Codec.PNG, Codec.JXL)
-#: Of a larger plane, codecs other than 4 and 5 get to try so many samples first, and the whole only
-#: if they come as close as this to the smallest stream so far.
-_SAMPLE = 8192
-_PROMISING = 1.05
+#: In a large plane a codec other than 4 and 5 first codes this many samples.
+_TRIAL_SAMPLES = 8192
+#: The codec then codes the whole plane if the extrapolated size is at most this times the smallest.
+_TRIAL_MARGIN = 1.05
 
 
 def encode_plane(
@@ -66,14 +66,14 @@ def encode_plane(
     """Code a plane with each of `codecs` and keep the smallest result.
 
     Args:
-        samples: PlaneShape (height, width), each less than 2**bits.
+        samples: Shape (height, width), uint16, each less than 2**bits.
         bits: 1 to 16.
-        codecs: What to try; of results of one size the first of `_ORDER` wins. Deflate is used if
-            none of them can code the plane, as happens to JPEG XL over 2048 samples in a row.
-        prior: The planes of the same grid before this one, None = there are none.
+        codecs: Codecs to try; of equal sizes the first in `_ORDER` wins. If no codec can code the
+            plane, as JPEG XL over 2048 samples in a row, deflate is used.
+        prior: The prior planes; None = no prior planes.
 
     Raises:
-        ValueError: The samples do not fit.
+        ValueError: `samples` is not a uint16 plane, or a sample does not fit into `bits`.
     """
     if samples.ndim != 2 or samples.size == 0 or samples.dtype != np.uint16:
         raise ValueError(
@@ -100,12 +100,12 @@ def encode_plane(
 
 
 def _promising(codec: Codec, samples: Samples, shape: PlaneShape, best: int) -> bool:
-    """Whether a codec may come below `best` bytes, by what it makes of the first rows."""
-    rows = max(1, _SAMPLE // shape.width)
+    """Whether a codec may take less than `best` bytes, extrapolated from the first rows."""
+    rows = max(1, _TRIAL_SAMPLES // shape.width)
     if codec is Codec.RANGES or 2 * rows >= shape.height:
         return True
     part = _ENCODERS[codec](samples[:rows], PlaneShape(shape.width, rows, shape.bits))
-    return part is not None and len(part) * shape.height <= _PROMISING * best * rows
+    return part is not None and len(part) * shape.height <= _TRIAL_MARGIN * best * rows
 
 
 def decode_plane(
@@ -117,15 +117,24 @@ def decode_plane(
     limits: Limits,
     prior: PriorPlanes | None = None,
 ) -> Samples:
-    """Decode a plane of known size; `data` must be used up exactly.
+    """Decode a plane of known shape; the codec must use up `data` exactly.
+
+    Args:
+        codec: Number of the codec.
+        data: Bytes of the coded plane.
+        width: Samples in a row.
+        height: Rows.
+        bits: 1 to 16; every sample is less than 2**bits.
+        limits: What to accept.
+        prior: The prior planes; None = no prior planes.
 
     Returns:
-        PlaneShape (height, width), each sample less than 2**bits.
+        Shape (height, width), uint16, each sample less than 2**bits.
 
     Raises:
         UnsupportedError: The codec is not registered.
-        LimitError: The plane is over `limits`; nothing was allocated.
-        CorruptError: The data is not a plane of this shape.
+        LimitError: The plane is over `limits`; raised before anything is allocated.
+        CorruptError: `data` is not a plane of this shape.
     """
     try:
         known = Codec(codec)

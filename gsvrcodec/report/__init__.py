@@ -1,1 +1,1 @@
-"""Metrics, the rate-distortion report, and what is in a file."""
+"""Inspection of files, rate-distortion reports, comparison with other encoders."""

@@ -1,4 +1,4 @@
-"""Rate and distortion of a .gsvr file, measured against the video it was made from."""
+"""Rate and distortion of a .gsvr file, measured against its source video."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameQuality:
-    """One frame against its source."""
+    """Quality of one decoded frame against the source frame."""
 
-    frame: int  #: number in the file, from 0
-    pts: int  #: presentation time, ticks of the file's time base
-    seconds: float  #: presentation time, seconds
+    frame: int  #: frame number, from 0
+    pts: int  #: presentation timestamp, ticks of the file's time base
+    seconds: float  #: presentation timestamp, seconds
     psnr_rgb: float  #: over the 8-bit RGB samples, dB
     ssim: float | None  #: of luma; None = the picture is too small
     ms_ssim: float | None  #: of luma; None = the picture is too small
@@ -36,28 +36,28 @@ class FrameQuality:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What a .gsvr file costs and how close it comes."""
+    """Rate and distortion of a .gsvr file."""
 
-    source: str  #: the video compared with
-    file: str  #: the .gsvr file
+    source: str  #: path of the source video
+    file: str  #: path of the .gsvr file
     width: int  #: pixels
     height: int  #: pixels
-    gops: int  #: groups of pictures
-    bytes: int  #: of the whole file
-    bpp: float  #: bits a pixel and frame, copied streams left out
+    gops: int  #: GOPs in the file
+    bytes: int  #: size of the whole file
+    bpp: float  #: bits a pixel and frame, without copied streams
     psnr_rgb: float  #: mean of the frames' PSNR, dB
     psnr_rgb_pooled: float  #: PSNR of the mean squared error of all frames, dB
-    psnr_rgb_min: float  #: of the worst frame, dB
-    ssim: float | None  #: mean of the frames; None = they are too small
-    ms_ssim: float | None  #: mean of the frames; None = they are too small
+    psnr_rgb_min: float  #: PSNR of the worst frame, dB
+    ssim: float | None  #: mean of the frames; None = the frames are too small
+    ms_ssim: float | None  #: mean of the frames; None = the frames are too small
     frames: tuple[FrameQuality, ...]
 
     def to_json(self) -> str:
-        """Return the report as a JSON object, field by field."""
+        """Return the report as a JSON object with a key for each field."""
         return json.dumps(asdict(self), indent=2, ensure_ascii=False) + "\n"
 
     def to_csv(self) -> str:
-        """Return one line a frame below a line of column names."""
+        """Return the frames as CSV: column names, then one line a frame."""
         text = io.StringIO()
         rows = csv.DictWriter(text, FrameQuality.__slots__, lineterminator="\n")
         rows.writeheader()
@@ -74,19 +74,19 @@ def report(
     threads: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Report:
-    """Decode a .gsvr file and compare every frame with the video it was made from.
+    """Decode a .gsvr file and compare every frame with the source video.
 
     Args:
-        src: the video.
-        gsvr: the file made from it.
-        crop: the part of the picture that was coded; None = as the file's settings say.
-        start_frame: the first frame that was coded; None = as the file's settings say.
-        threads: to render with; 0 = all cores.
-        progress: is told how many frames are done, and how many there are.
+        src: The source video.
+        gsvr: The .gsvr file encoded from `src`.
+        crop: Part of the picture that was encoded; None = from the settings in the file.
+        start_frame: First frame that was encoded; None = from the settings in the file.
+        threads: Threads for rendering; 0 = all cores.
+        progress: Called with the number of frames done and the number of all frames.
 
     Raises:
-        UsageError: the two do not belong together: size or number of frames differ.
-        InputError, NotAVideoError: as `open_video`; CorruptError: as `gsvrcodec.open`.
+        UsageError: Size or number of frames of source and file differ.
+        InputError, NotAVideoError: As `open_video`; CorruptError: as `gsvrcodec.open`.
     """
     with open_gsvr(gsvr, threads=threads) as decoder:
         meta = decoder.metadata
@@ -135,7 +135,7 @@ def report(
 def open_part(
     src: str | os.PathLike[str], meta: Metadata, crop: Crop | None, start_frame: int | None
 ) -> VideoReader:
-    """Open the part of a video that a .gsvr file was made from; arguments and errors as above."""
+    """Open the part of a video that was encoded; arguments and errors as of `report`."""
     video = open_video(
         src,
         crop=_recorded_crop(meta) if crop is None else crop,
@@ -148,12 +148,12 @@ def open_part(
 
 
 def first_frame(meta: Metadata, start_frame: int | None) -> int:
-    """Return the first frame of the source that was coded, as said or else as recorded."""
+    """Return the first frame that was encoded: `start_frame`, or by the settings in the file."""
     return _recorded_start(meta) if start_frame is None else start_frame
 
 
 def _check_size(video: VideoReader, meta: Metadata) -> None:
-    """Refuse pictures of different sizes."""
+    """Raise a UsageError if source and file have pictures of different sizes."""
     info = video.info
     if (info.width, info.height) != (meta.width, meta.height):
         raise UsageError(
@@ -163,7 +163,7 @@ def _check_size(video: VideoReader, meta: Metadata) -> None:
 
 
 def _recorded_crop(meta: Metadata) -> Crop | None:
-    """Return the crop that the encoder was told, None if it kept the whole picture."""
+    """Return the crop in the settings of the encode; None = the whole picture."""
     value: Any = meta.settings.get("crop")
     if not (isinstance(value, list) and len(value) == 4):
         return None
@@ -174,7 +174,7 @@ def _recorded_crop(meta: Metadata) -> Crop | None:
 
 
 def _recorded_reading(meta: Metadata, *, by_time: bool) -> dict[str, Any]:
-    """Return how else the encoder was told to read the source; `by_time` = from when on, too."""
+    """Return the other reading options of the encode; with `by_time` also the start time."""
     options: dict[str, Any] = {
         name: meta.settings.get(name) is True for name in ("bake_rotation", "deinterlace")
     }
@@ -185,11 +185,11 @@ def _recorded_reading(meta: Metadata, *, by_time: bool) -> dict[str, Any]:
 
 
 def _recorded_start(meta: Metadata) -> int:
-    """Return the first frame that the encoder was told to take."""
+    """Return the first frame in the settings of the encode."""
     value: Any = meta.settings.get("start_frame")
     return value if _whole(value) else 0
 
 
 def _whole(value: Any) -> bool:
-    """Return whether a value from a file is a whole number of at least 0."""
+    """Return whether a value of the settings is a whole number of at least 0."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0

@@ -1,4 +1,4 @@
-"""Curves of rate over distortion, and how they compare: BD-rate, and rate at equal quality."""
+"""Rate-distortion curves: BD-rate, and rate at equal quality."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 class BdRate:
     """Bjontegaard's mean difference in rate at equal quality."""
 
-    percent: float  #: bits more than the other curve, below 0 = fewer
-    low: float  #: where the curves' overlap begins, dB
-    high: float  #: where it ends, dB
+    percent: float  #: additional rate against the other curve, %; below 0 = less rate
+    low: float  #: lowest quality that both curves have, dB
+    high: float  #: highest quality that both curves have, dB
 
 
 class RateCurve:
     """Rate as a function of quality, through measured points.
 
-    The logarithm of the rate is interpolated by piecewise cubics that keep the points' order
-    (Fritsch and Butland, 1984), as the calculation of BD-rate for video standards does.
+    The logarithm of the rate is interpolated by monotone piecewise cubics (Fritsch and Butland,
+    1984), as in the BD-rate calculation of video standardisation.
     """
 
     def __init__(self, points: Iterable[tuple[float, float]]) -> None:
         """Make a curve from pairs of quality (dB) and rate (any unit, above 0), in any order.
 
-        Of points of equal quality the cheapest counts.
+        Of points of equal quality the one of least rate counts.
 
         Raises:
-            ValueError: there is no point.
+            ValueError: `points` is empty.
         """
         cheapest: dict[float, float] = {}
         for quality, rate in points:
@@ -44,13 +44,13 @@ class RateCurve:
         self._slopes = _slopes(self.quality, self.log_rate)
 
     def rate(self, quality: float) -> float | None:
-        """Return the rate at a quality; None = the curve does not reach there."""
+        """Return the rate at a quality; None = the quality is outside the measured range."""
         if not self.quality[0] <= quality <= self.quality[-1]:
             return None
         return exp(self._at(np.array([quality]))[0])
 
     def bd_rate(self, other: RateCurve) -> BdRate | None:
-        """Return how much more rate this curve needs than another; None = they do not overlap."""
+        """Return the BD-rate of this curve against another; None = the curves do not overlap."""
         low = max(self.quality[0], other.quality[0])
         high = min(self.quality[-1], other.quality[-1])
         if low >= high:
@@ -81,7 +81,7 @@ class RateCurve:
 
 
 def _slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivatives at the points that let no cubic overshoot."""
+    """Return the derivatives at the points, chosen so that every cubic is monotone."""
     if len(x) < 3:
         return np.full(len(x), (y[-1] - y[0]) / (x[-1] - x[0]) if len(x) > 1 else 0.0)
     width = np.diff(x)
@@ -97,7 +97,7 @@ def _slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _end_slope(near: float, far: float, secant: float, next_secant: float) -> float:
-    """Return the derivative at an end, from three points, kept from overshooting."""
+    """Return the derivative at an end point, by three points, limited to a monotone cubic."""
     slope = ((2 * near + far) * secant - near * next_secant) / (near + far)
     if slope * secant <= 0:
         return 0.0

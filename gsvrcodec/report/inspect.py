@@ -1,4 +1,4 @@
-"""What is in a .gsvr file, and whether all of it is sound; nothing is rendered."""
+"""Inspection and verification of a .gsvr file; nothing is rendered."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from gsvrcodec.report.spending import Item, spending
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopInfo:
-    """One GOP of a file."""
+    """Properties of one GOP."""
 
-    first_frame: int  #: number of its first frame
-    frames: int  #: how many it has
-    start_pts: int  #: presentation time of its first frame, ticks
-    last_pts: int  #: presentation time of its last frame, ticks
-    gaussians: int  #: Gaussians of its own
-    background: int  #: number of the background whose Gaussians it shows as well; 0 = none
-    grid: tuple[int, int, int]  #: size of the tri-plane in x, y and time; 0 = none
+    first_frame: int  #: number of the first frame
+    frames: int  #: frames in the GOP
+    start_pts: int  #: presentation timestamp of the first frame, ticks
+    last_pts: int  #: presentation timestamp of the last frame, ticks
+    gaussians: int  #: Gaussians of the GOP, without its background
+    background: int  #: number of the background that the GOP shows; 0 = none
+    grid: tuple[int, int, int]  #: Gx, Gy, Gt of the tri-plane; all 0 = no tri-plane
     parameters: int  #: stored numbers, before quantisation
     bytes: int  #: of its payload
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BackgroundInfo:
-    """One background of a file."""
+    """Properties of one background."""
 
-    number: int  #: by which GOPs name it
-    gaussians: int  #: Gaussians in it
+    number: int  #: number by which GOPs refer to the background
+    gaussians: int  #: Gaussians in the background
     parameters: int  #: stored numbers, before quantisation
     bytes: int  #: of its payload
 
 
 @dataclass(frozen=True, slots=True)
 class FileInfo:
-    """A .gsvr file."""
+    """Properties of a .gsvr file."""
 
     path: str
     metadata: Metadata
     gops: tuple[GopInfo, ...]
     backgrounds: tuple[BackgroundInfo, ...]
-    recovered: bool  #: whether it is cut short or damaged, so that GOPs had to be searched for
-    warnings: tuple[str, ...]  #: what is wrong with it and does not keep it from being decoded
+    recovered: bool  #: whether the file has no valid index: it is cut short or damaged
+    warnings: tuple[str, ...]  #: faults that do not prevent decoding
 
     @property
     def parameters(self) -> int:
-        """Stored numbers of all GOPs and backgrounds, before quantisation."""
+        """Parameters of all GOPs and backgrounds, before quantisation."""
         own = sum(gop.parameters for gop in self.gops)
         return own + sum(background.parameters for background in self.backgrounds)
 
@@ -94,12 +94,13 @@ class FileInfo:
 
 
 def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> FileInfo:
-    """Return what a file says of itself, from its header, its index and the heads of its GOPs.
+    """Return the properties of a file, from its header, its index and the heads of its GOPs.
 
     Raises:
-        InputError: it cannot be read.
-        CorruptError: it is not a .gsvr file, or no GOP of it is whole.
-        UnsupportedError: it needs something this version does not have, or is over `limits`.
+        InputError: The file cannot be read.
+        CorruptError: The file is not a .gsvr file, or no GOP is whole.
+        UnsupportedError: The file needs a feature that this version does not have, or is over
+            `limits`.
     """
     with GsvrReader(path, limits) as reader, Path(path).open("rb") as file:
         gops = []
@@ -134,7 +135,7 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
 def inspect_bytes(
     path: str | os.PathLike[str], *, limits: Limits | None = None
 ) -> tuple[Item, ...]:
-    """Return what the bytes of a file are spent on; reads all of it. Raises as `inspect`."""
+    """Return the bytes of a file by purpose; reads the whole file. Raises as `inspect`."""
     with GsvrReader(path, limits) as reader:
         return spending(reader, limits)
 
@@ -143,7 +144,7 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
     """Check every checksum of a file and decode every plane; yield one sentence a fault.
 
     Raises:
-        InputError, CorruptError, UnsupportedError: as `inspect`, when nothing of it can be read.
+        InputError, CorruptError, UnsupportedError: As `inspect`, if the file cannot be opened.
     """
     limits = limits or Limits.from_environment()
     with GsvrReader(path, limits) as reader:
@@ -171,7 +172,7 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
 
 
 def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
-    """Return what index and head say of a GOP."""
+    """Return the properties of a GOP from its index entry and its head."""
     return GopInfo(
         first_frame=entry.first_frame,
         frames=entry.frames,
@@ -186,5 +187,5 @@ def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
 
 
 def _parameters(shape: GopShape, attributes: Sequence[Attribute]) -> int:
-    """Return how many numbers are stored; the same as `Gop.parameters` of a GOP's content."""
+    """Return the number of parameters, equal to `Gop.parameters` of the decoded GOP."""
     return sum(a.components * shape.samples(a.grid) for a in attributes)

@@ -1,4 +1,4 @@
-"""Rate over distortion, and PSNR over the frames, as pictures. Needs matplotlib."""
+"""Plots of rate-distortion curves and of PSNR over frames. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 PLOT_FORMATS = (".png", ".svg", ".pdf")
 
-#: One colour an encoder, one line and marker a variant of it.
+#: Line colour of each encoder; markers and line styles of its variants.
 _COLOURS = {"x264": "tab:blue", "x265": "tab:orange", "svtav1": "tab:green"}
 _VARIANTS = ("o-", "s--", "^:", "v-.", "D-")
 
 
 def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = None) -> None:
-    """Draw the PSNR of every frame; above it rate and distortion, if there is more than one point.
+    """Plot the PSNR of every frame; above it rate-distortion, if there is more than one point.
 
     Args:
-        study: what to draw.
-        path: the file to write.
+        study: The measurements to plot.
+        path: The file to write.
         format: "png", "svg" or "pdf"; None = by the suffix of `path`.
 
     Raises:
-        UsageError: matplotlib is not installed, or the format is another.
+        UsageError: matplotlib is not installed, or the format is not supported.
     """
     format = format or Path(path).suffix.lower().removeprefix(".")
     if f".{format}" not in PLOT_FORMATS:
@@ -52,7 +52,7 @@ def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = Non
 
 
 def plot_rates(axes: Axes, study: Study) -> None:
-    """Draw mean PSNR over bits a pixel, ours and the references' on the same axes."""
+    """Plot mean PSNR over bits a pixel, of the .gsvr files and of the references."""
     ours = sorted((report.bpp, report.psnr_rgb) for report in study.reports)
     axes.plot(*zip(*ours, strict=True), "o-", linewidth=2.5, color="black", label="GSVR")
     styles = reference_styles(curve.reference.codec for curve in study.curves)
@@ -66,7 +66,7 @@ def plot_rates(axes: Axes, study: Study) -> None:
 
 
 def reference_styles(codecs: Iterable[str]) -> Iterator[dict[str, Any]]:
-    """Yield how to draw curves of these encoders, so that those of one look akin."""
+    """Yield line styles for curves of `codecs`: one colour an encoder, one marker a variant."""
     seen: Counter[str] = Counter()
     for codec in codecs:
         variant = _VARIANTS[seen[codec] % len(_VARIANTS)]
@@ -81,7 +81,7 @@ def reference_styles(codecs: Iterable[str]) -> Iterator[dict[str, Any]]:
 
 
 def plot_frames(axes: Axes, reports: tuple[Report, ...]) -> None:
-    """Draw the PSNR of every frame of each file, and its mean."""
+    """Plot the PSNR of every frame of each file, and the mean of each file."""
     for report in reports:
         values = [frame.psnr_rgb for frame in report.frames]
         label = f"{Path(report.file).name}: {report.psnr_rgb:.2f} dB at {report.bpp:.4f} bpp"

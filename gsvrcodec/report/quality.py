@@ -1,4 +1,4 @@
-"""How close coded frames come to their source, frame by frame and in all."""
+"""Quality of decoded pictures against their source, by frame and over all frames."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from gsvrcodec.metrics import psnr_of, similarity, squared_error
 
 @dataclass(frozen=True, slots=True)
 class PictureQuality:
-    """One picture against its source."""
+    """Quality of one picture."""
 
     squared_error: float  #: mean over the 8-bit RGB samples
-    psnr_rgb: float  #: over the same, dB
+    psnr_rgb: float  #: PSNR over the 8-bit RGB samples, dB
     ssim: float | None  #: of luma; None = the picture is too small
     ms_ssim: float | None  #: of luma; None = the picture is too small
 
@@ -31,17 +31,17 @@ class PictureQuality:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality:
-    """All frames against their source."""
+    """Quality of all frames."""
 
     psnr_rgb: float  #: mean of the frames' PSNR, dB
     psnr_rgb_pooled: float  #: PSNR of the mean squared error of all frames, dB
-    psnr_rgb_min: float  #: of the worst frame, dB
-    ssim: float | None  #: mean of the frames; None = they are too small
-    ms_ssim: float | None  #: mean of the frames; None = they are too small
+    psnr_rgb_min: float  #: PSNR of the worst frame, dB
+    ssim: float | None  #: mean of the frames; None = the frames are too small
+    ms_ssim: float | None  #: mean of the frames; None = the frames are too small
 
     @classmethod
     def of(cls, frames: Iterable[PictureQuality]) -> Quality:
-        """Sum up frames, at least one."""
+        """Return the quality over `frames`, at least one."""
         frames = list(frames)
         return cls(
             psnr_rgb=fmean(frame.psnr_rgb for frame in frames),
@@ -53,7 +53,7 @@ class Quality:
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
-    """Return the mean; None = one is not known."""
+    """Return the mean of the values; None = a value is None."""
     known = list(values)
     numbers = [value for value in known if value is not None]
     return fmean(numbers) if len(numbers) == len(known) else None

@@ -1,4 +1,4 @@
-"""Other encoders to compare with: the libraries inside PyAV, on the same frames."""
+"""Reference encoders to compare with: x264, x265 and SVT-AV1, through PyAV."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from gsvrcodec.video.read import VideoReader
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Library:
-    """An encoder, and how it is told what we ask."""
+    """A reference encoder and its defaults."""
 
-    encoder: str  #: FFmpeg's name
-    decoder: str  #: FFmpeg's name of the decoder for its streams
-    title: str  #: as people write it
-    preset: str  #: effort, unless another is asked for
-    crfs: tuple[int, ...]  #: the ladder of qualities, best first
-    version: bytes | None = None  #: pattern that finds its version in the stream
+    encoder: str  #: FFmpeg's name of the encoder
+    decoder: str  #: FFmpeg's name of the decoder of its streams
+    title: str  #: name for tables and plots
+    preset: str  #: default preset
+    crfs: tuple[int, ...]  #: default CRF values, best quality first
+    version: bytes | None = None  #: pattern of the encoder's version in its streams
 
 
 _LIBRARIES = {
@@ -63,19 +63,19 @@ _LIBRARIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """An encoder with its settings, such as `x264:key=12:preset=slow`."""
+    """A reference encoder with settings, such as `x264:key=12:preset=slow`."""
 
     codec: str  #: "x264", "x265" or "svtav1"
-    preset: str  #: its effort
-    #: frames from one key frame to the next; None = its own choice, "same" = as in our file
+    preset: str  #: preset of the encoder
+    #: frames between key frames; None = encoder's choice, "same" = mean GOP length of the .gsvr file
     key: int | Literal["same"] | None = None
-    tune: str | None = None  #: what it optimises for; None = its own choice
-    #: what it is given: the RGB pictures that are measured, or the source's own YCbCr
+    tune: str | None = None  #: tuning of the encoder; None = encoder's default
+    #: input of the encoder: the RGB pictures that are compared, or the source's own YCbCr
     input: Literal["rgb", "source"] = "rgb"
 
     @property
     def label(self) -> str:
-        """The settings in words, for tables and plots."""
+        """Encoder and settings in words, for tables and plots."""
         words = [_LIBRARIES[self.codec].title, self.preset]
         if self.tune is not None:
             words.append(f"tune {self.tune}")
@@ -88,37 +88,37 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """One encode of the source at one quality setting."""
+    """One encode of the source at one CRF."""
 
     crf: int
-    bytes: int  #: of the video stream, without any container
+    bytes: int  #: size of the video stream, without container
     bpp: float  #: bits a pixel and frame
     key_frames: int
     quality: Quality
-    encode_fps: float  #: frames a second; reading and converting the source included
-    decode_fps: float  #: frames a second, from the stream to RGB
+    encode_fps: float  #: encoded frames a second, with reading and conversion of the source
+    decode_fps: float  #: decoded frames a second, from stream to RGB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """All encodes with one reference."""
+    """All encodes with one reference encoder."""
 
     label: str
     reference: Reference
-    version: str | None  #: of the library; None = its streams do not say
+    version: str | None  #: version of the encoder; None = not in its streams
     points: tuple[Point, ...]  #: best quality first
 
     @property
     def rate_curve(self) -> RateCurve:
-        """Bits a pixel and frame over the mean PSNR of the frames."""
+        """Bits a pixel and frame over mean PSNR."""
         return RateCurve((point.quality.psnr_rgb, point.bpp) for point in self.points)
 
 
 def parse_reference(text: str) -> Reference:
-    """Return what `x264`, `x264:intra` or `svtav1:key=same:preset=4` stands for.
+    """Parse a reference such as `x264`, `x264:intra` or `svtav1:key=same:preset=4`.
 
     Raises:
-        UsageError: there is no such encoder or setting, or this PyAV was built without it.
+        UsageError: The encoder or a setting is unknown, or PyAV was built without the encoder.
     """
     codec, *settings = text.split(":")
     if codec not in _LIBRARIES:
@@ -163,19 +163,19 @@ def measure(
     threads: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Curve:
-    """Encode a source with another encoder at several qualities and measure what comes out.
+    """Encode a source with a reference encoder at several CRF values and measure the results.
 
     Args:
-        reference: the encoder; its `key` is a number, or None.
-        video: the source.
-        start: number of the first frame that `video` gives.
-        frames: how many frames it gives.
-        crfs: the quality settings, best first; None = the encoder's own ladder.
-        threads: of encoder and decoder; 0 = all cores.
-        progress: is told how many frames of all encodes are done, and how many there are.
+        reference: The encoder; its `key` is a number or None.
+        video: The source.
+        start: Number of the first frame of `video` in the source.
+        frames: Number of frames of `video`.
+        crfs: CRF values, best quality first; None = the defaults of the encoder.
+        threads: Threads of encoder and decoder; 0 = all cores.
+        progress: Called with the frames done and all frames, over all encodes.
 
     Raises:
-        UsageError: the encoder refuses its settings or the pictures.
+        UsageError: The encoder rejects its settings or the pictures.
     """
     library = _LIBRARIES[reference.codec]
     points: list[Point] = []
@@ -216,7 +216,7 @@ def measure(
 def _quality(
     video: VideoReader, stream: ElementaryStream, library: _Library, threads: int
 ) -> Quality:
-    """Compare a stream with its source."""
+    """Return the quality of a coded stream against its source."""
     pictures = stream.pictures(library.decoder, threads)
     return Quality.of(
         PictureQuality.of(source.rgb, rgb) for source, rgb in zip(video, pictures, strict=True)
@@ -224,7 +224,7 @@ def _quality(
 
 
 def _options(reference: Reference, crf: int) -> dict[str, str]:
-    """Return the encoder's options, by FFmpeg's names."""
+    """Return the encoder's options by their names in FFmpeg."""
     options = {"preset": reference.preset, "crf": str(crf)}
     if reference.tune is not None:
         options["tune"] = reference.tune

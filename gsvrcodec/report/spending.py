@@ -1,4 +1,4 @@
-"""What the bytes of a .gsvr file are spent on; no plane is decoded."""
+"""Bytes of a .gsvr file by purpose; no plane is decoded."""
 
 from __future__ import annotations
 
@@ -34,28 +34,28 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """One purpose that bytes serve."""
+    """Bytes of one purpose."""
 
     name: str
-    bytes: int  #: in the whole file
+    bytes: int  #: bytes in the whole file
     bits_per_gaussian: float | None  #: None = the file has no Gaussians
-    codecs: tuple[str, ...] = ()  #: what its planes are coded with
+    codecs: tuple[str, ...] = ()  #: codecs of its planes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all but the name."""
+        """Return the item as a dictionary, without the name."""
         return {key: value for key, value in asdict(self).items() if key != "name"}
 
 
 def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ...]:
-    """Return what takes the bytes of a file; together they are all of it.
+    """Return the bytes of a file by purpose; the items add up to the file size.
 
-    The items are the attributes in the order of the spec, in GOPs and backgrounds alike; "heads",
-    all else in the two: head, timing and plane table; the auxiliary chunks; "container", what
-    frames and finds them; and "unread", what is damaged or not known to this version. Empty items
-    are left out.
+    The items are: each attribute, in the order of the spec, over GOPs and backgrounds; "heads",
+    the heads, timing and plane tables of GOPs and backgrounds; the auxiliary chunks; "container",
+    signature, header, index, end and chunk framing; "unread", payloads that are damaged or not
+    supported by this version. Empty items are left out.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: The file cannot be read.
     """
     limits = limits or Limits.from_environment()
     sizes: dict[str, int] = {attribute.name: 0 for attribute in (*ATTRIBUTES, SHOWN)}
@@ -89,7 +89,7 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
 
 
 def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[PlaneEntry, ...]]]:
-    """Payload and plane table of each GOP and background that is sound."""
+    """Yield payload and plane table of each valid GOP and background."""
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)

@@ -1,4 +1,4 @@
-"""Rate and distortion of several .gsvr files of one source, against other encoders."""
+"""Rate and distortion of several .gsvr files of one source, against reference encoders."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from gsvrcodec.video.versions import ffmpeg_version
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """Files of one source, and what other encoders make of the same frames."""
+    """Measurements of .gsvr files and of reference encoders on the same frames."""
 
-    reports: tuple[Report, ...]  #: one a file
-    decode_fps: tuple[float, ...]  #: frames a second of each, from the file to RGB
-    curves: tuple[Curve, ...]  #: one a reference
+    reports: tuple[Report, ...]  #: one report a file
+    decode_fps: tuple[float, ...]  #: decoded frames a second of each file, from file to RGB
+    curves: tuple[Curve, ...]  #: one curve a reference
     machine: str  #: processor and cores
-    libraries: str  #: versions of what the references ran on
+    libraries: str  #: version of FFmpeg, which runs the references
 
     @property
     def rate_curve(self) -> RateCurve:
-        """Bits a pixel and frame of the files over the mean PSNR of their frames."""
+        """Bits a pixel and frame of the files over their mean PSNR."""
         return RateCurve((report.psnr_rgb, report.bpp) for report in self.reports)
 
     def bd_rate(self, curve: Curve) -> BdRate | None:
-        """Return how much more rate the files need than a reference; None = no overlap."""
+        """Return the BD-rate of the files against a reference; None = no overlap."""
         return self.rate_curve.bd_rate(curve.rate_curve)
 
     def to_json(self) -> str:
-        """Return one JSON object: the first file's report, and the rest in fields of its own."""
+        """Return a JSON object: fields of the first report, then the other files and references."""
         files: list[dict[str, Any]] = [
             asdict(report) | {"decode_fps": fps}
             for report, fps in zip(self.reports, self.decode_fps, strict=True)
@@ -62,7 +62,7 @@ class Study:
         )
 
     def _against(self, curve: Curve) -> dict[str, Any]:
-        """Return a reference, and how the files compare with it."""
+        """Return the fields of a reference's curve, BD-rate, and rates at the PSNR of each file."""
         bd_rate = self.bd_rate(curve)
         return asdict(curve) | {
             "bd_rate": None if bd_rate is None else asdict(bd_rate),
@@ -81,22 +81,22 @@ def study(
     progress: Callable[[int, int], None] | None = None,
     about: Callable[[str | os.PathLike[str]], AbstractContextManager[object]] = nullcontext,
 ) -> Study:
-    """Measure .gsvr files and other encoders on the same frames of one source.
+    """Measure .gsvr files and reference encoders on the same frames of one source.
 
     Args:
-        src: the video.
-        files: what was made from it, at least one; all of the same frames.
-        references: other encoders.
-        crop: the part of the picture that was coded; None = as the files' settings say.
-        start_frame: the first frame that was coded; None = as the files' settings say.
-        threads: to decode and encode with; 0 = all cores.
-        progress: is told how many frames of a file, or of all encodes of a reference, are done,
-            and how many there are.
-        about: surrounds the work on each file; errors that leave it may name the file.
+        src: The source video.
+        files: .gsvr files encoded from `src`, at least one; all of the same frames.
+        references: Reference encoders.
+        crop: Part of the picture that was encoded; None = from the settings in each file.
+        start_frame: First frame that was encoded; None = from the settings in each file.
+        threads: Threads for decoding and encoding; 0 = all cores.
+        progress: Called with the frames done and all frames, of a file or of all encodes of a
+            reference.
+        about: Context manager around the work on each file, for naming the file in errors.
 
     Raises:
-        UsageError: source and files do not belong together, or an encoder refuses them.
-        InputError, NotAVideoError: as `open_video`; CorruptError: as `gsvrcodec.open`.
+        UsageError: Source and files have different frames, or an encoder rejects the frames.
+        InputError, NotAVideoError: As `open_video`; CorruptError: as `gsvrcodec.open`.
     """
     reports, speeds, curves = [], [], []
     for file in files:
@@ -132,7 +132,7 @@ def study(
 
 
 def _decode_fps(file: str | os.PathLike[str], threads: int) -> float:
-    """Return how many frames a second come out of a file."""
+    """Return the decoding speed of a file, frames a second."""
     with open_gsvr(file, threads=threads) as decoder:
         began = time.perf_counter()
         deque(decoder, maxlen=0)
@@ -140,7 +140,7 @@ def _decode_fps(file: str | os.PathLike[str], threads: int) -> float:
 
 
 def _check_same(reports: Sequence[Report]) -> None:
-    """Refuse files that were not made from the same frames."""
+    """Raise a UsageError if the files differ in size or number of frames."""
     first = reports[0]
     for other in reports[1:]:
         mine, its = (f"{len(r.frames)} frames of {r.width}x{r.height}" for r in (first, other))
