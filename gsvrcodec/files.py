@@ -1,4 +1,4 @@
-"""Paths: what may be read, what may be written, and output that appears whole or not at all."""
+"""Checks of paths, and atomic output: a file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from typing import Any, BinaryIO
 
 from gsvrcodec.errors import GsvrError, InputError, OutputError
 
-#: At the start and at the end of a file, read for its fingerprint.
+#: Bytes at the start and at the end of a file that go into its fingerprint.
 _DIGESTED_BYTES = 2**20
 
 
 def check_input(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if it is a file that can be opened; raise `InputError` if not."""
+    """Return `path` if the file can be opened; raise `InputError` if not."""
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory, not a file")
@@ -41,11 +41,11 @@ def check_output(
     overwrite: bool = False,
     source: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Return `path` if it may be written, as "-", the standard output, always may.
+    """Return `path` if it may be written; "-", the standard output, always may.
 
     Raises:
-        OutputError: it is a directory, its directory is missing, it exists and `overwrite` is
-            not set, or it is the same file as `source`, through links or not.
+        OutputError: `path` is a directory, its directory is missing, it exists and `overwrite` is
+            not set, or it is the same file as `source`, also through links.
     """
     path = Path(path)
     if str(path) == "-":
@@ -68,20 +68,20 @@ def check_output(
 
 @contextmanager
 def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """Give a temporary name beside `path`; flush and rename it to `path` when the block succeeds.
+    """Yield a temporary path beside `path`; flush and rename it to `path` if the block succeeds.
 
-    The block creates or rewrites the file under the temporary name. If it fails, that file is
-    removed and whatever stood at `path` is untouched. A device or a pipe is written directly.
+    The block writes the file at the temporary path. If the block fails, the temporary file is
+    removed and `path` is unchanged. A device or a pipe is written directly.
 
     Raises:
-        OutputError: as `check_output`, and for every failure of the file system.
+        OutputError: As `check_output`, and for every failure of the file system.
     """
     path = check_output(path, overwrite=overwrite)
     if path.exists() and not path.is_file():
         with named(path):
             yield path
         return
-    target = path.resolve()  # a link keeps pointing at what it pointed at
+    target = path.resolve()  # write through a link, do not replace the link
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     with named(path):
         try:
@@ -89,7 +89,7 @@ def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
                 pass
             yield partial
             _flush(partial)
-            check_output(path, overwrite=overwrite)  # another program may have been quicker
+            check_output(path, overwrite=overwrite)  # another process may have created it meanwhile
             partial.replace(target)
             _flush(target.parent)
         finally:
@@ -98,7 +98,7 @@ def atomic_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
 
 
 def remove_partials(path: Path) -> None:
-    """Remove what killed programs have left under the temporary names of `atomic_output`."""
+    """Remove the temporary files that killed processes left beside `path`."""
     name = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.part")
     for each in path.parent.iterdir():
         if name.fullmatch(each.name):
@@ -108,7 +108,7 @@ def remove_partials(path: Path) -> None:
 
 @contextmanager
 def gathered_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """As `atomic_output`, but a pipe, a device or "-" gets its bytes when they are all there.
+    """As `atomic_output`, but a pipe, a device or "-" is written only when the block succeeds.
 
     "-" is the standard output.
     """
@@ -129,19 +129,20 @@ def gathered_output(path: str | os.PathLike[str], *, overwrite: bool = False) ->
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a path is the standard input or output, "-", a pipe or a device."""
+    """Return whether a path is "-", the standard input or output, a pipe or a device."""
     path = Path(path)
     return str(path) == "-" or (path.exists() and not path.is_file() and not path.is_dir())
 
 
 def fingerprint(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what tells a file from another, or from itself after a change, without reading it all.
+    """Return a fingerprint of a file or of a numbered sequence such as `frame_%04d.png`.
 
-    A numbered sequence such as `frame_%04d.png` has one too. What can be read only once, or is
-    not there, has none: the dictionary is empty.
+    The fingerprint holds the number, size and modification time of the files, and a SHA-256 of the
+    first and last MiB of each. It is an empty dictionary for a missing file and for an input that
+    can be read only once.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: A file cannot be read.
     """
     path = Path(path)
     files = [path] if path.is_file() else _sequence(path)
@@ -169,7 +170,7 @@ def fingerprint(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _sequence(path: Path) -> list[Path]:
-    """Return the files of a numbered sequence, in some order that is always the same."""
+    """Return the files of a numbered sequence, sorted by name."""
     parts = re.split(r"%\d*d", path.name)
     if len(parts) != 2 or not path.parent.is_dir():
         return []
@@ -178,11 +179,11 @@ def _sequence(path: Path) -> list[Path]:
 
 
 def lock(path: Path) -> BinaryIO:
-    """Open a file to read and write, made if it is missing, that no other process has locked.
+    """Open a file for reading and writing, created if missing, and lock it.
 
     Raises:
-        OutputError: another process has it.
-        OSError: it cannot be opened.
+        OutputError: Another process has locked the file.
+        OSError: The file cannot be opened.
     """
     while True:
         file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
@@ -191,7 +192,7 @@ def lock(path: Path) -> BinaryIO:
             raise OutputError(
                 f"{path} is in use by another process; wait for it, or name another output"
             )
-        # Its last owner may have removed it between the two lines above.
+        # The last owner of the lock may have removed the file before it was locked here.
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file.fileno()), path.stat()):
                 return file
@@ -199,7 +200,7 @@ def lock(path: Path) -> BinaryIO:
 
 
 def _locked(file: BinaryIO) -> bool:
-    """Lock a file until it is closed, by the end of the process if not before; False = in use."""
+    """Lock a file until it is closed or the process ends; False = another process has the lock."""
     try:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -67,7 +67,7 @@ class Reference:
 
     codec: str  #: "x264", "x265" or "svtav1"
     preset: str  #: preset of the encoder
-    #: frames between key frames; None = encoder's choice, "same" = mean GOP length of the .gsvr file
+    #: frames between key frames; None = encoder's choice, "same" = mean length of our GOPs
     key: int | Literal["same"] | None = None
     tune: str | None = None  #: tuning of the encoder; None = encoder's default
     #: input of the encoder: the RGB pictures that are compared, or the source's own YCbCr

@@ -1,4 +1,4 @@
-"""Video files of other formats, in and out. PyAV is imported here and nowhere else."""
+"""Reading and writing of other video formats. Only this package imports PyAV."""
 
 from gsvrcodec.video.colour import Rgb
 from gsvrcodec.video.extras import Extras, read_extras

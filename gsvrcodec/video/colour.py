@@ -1,6 +1,6 @@
-"""Colour of the source and of the output: CICP tags, and the way between YCbCr and RGB.
+"""Colour of source and output: CICP tags, and conversion between YCbCr and RGB.
 
-RGB here always means the coded (gamma) domain: transfer and primaries are carried, never applied.
+RGB is always in the transfer domain of the source: transfer and primaries are tags, not applied.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.header import ColourInfo
 
 Rgb = NDArray[np.uint8]  #: (H, W, 3) red, green, blue
-#: The same with 8 bits, or with 10 (0 to 1023).
+#: (H, W, 3) red, green, blue: uint8, or uint16 with 10 bits (0 to 1023).
 AnyRgb = NDArray[np.uint8 | np.uint16]
 
-#: CICP code points (ITU-T H.273) that this module must know by name.
+#: CICP matrix coefficients (ITU-T H.273).
 MATRIX_RGB = 0
 MATRIX_BT601 = 6
 
-#: CICP matrices that swscale converts by definition, or as unspecified.
+#: CICP matrices that swscale converts correctly; 2, not specified, is converted as BT.601.
 KNOWN_MATRICES = frozenset({0, 1, 2, 4, 5, 6, 7, 9})
 
-#: swscale's coefficient set for a CICP matrix; all others are converted as BT.601.
+#: swscale's coefficients for a CICP matrix; other matrices are converted as BT.601.
 _COEFFICIENTS = {
     1: Colorspace.ITU709,
     4: Colorspace.FCC,
@@ -32,7 +32,7 @@ _COEFFICIENTS = {
     10: Colorspace.BT2020,
 }
 
-#: Shares of red and blue in luma, by CICP matrix; of all others those of BT.601.
+#: Luma weights of red and blue by CICP matrix; other matrices have those of BT.601.
 _LUMA = {
     1: (0.2126, 0.0722),
     4: (0.30, 0.11),
@@ -42,12 +42,12 @@ _LUMA = {
 }
 _LUMA_BT601 = (0.299, 0.114)
 
-#: Averages chroma over the pixels it stands for, and rounds instead of cutting off.
+#: Chroma is the mean over its pixels; samples are rounded, not truncated.
 _TO_YCBCR = Interpolation.AREA | Interpolation.ACCURATE_RND
 
 
 def source_colour(frame: av.VideoFrame) -> ColourInfo:
-    """Return the tags of a decoded frame, unspecified ones left as they are."""
+    """Return the colour tags of a decoded frame; unspecified tags stay unspecified."""
     rgb = frame.format.is_rgb
     full = rgb or frame.color_range == ColorRange.JPEG or frame.format.name.startswith("yuvj")
     return ColourInfo(
@@ -60,11 +60,11 @@ def source_colour(frame: av.VideoFrame) -> ColourInfo:
 
 
 def to_rgb(frame: av.VideoFrame) -> Rgb:
-    """Return the picture as 8-bit RGB, as every user of swscale sees it.
+    """Return the picture as 8-bit RGB, by swscale's default conversion.
 
-    A tagged matrix and range are honoured; without tags it is BT.601, limited range. The default
-    conversion is kept on purpose: published figures for the usual clips were measured on it.
-    Matrices that swscale does not know are taken for the nearest: `output_matrix` has the way back.
+    The tagged matrix and range are used; an untagged source is taken for BT.601, limited range.
+    The default conversion is kept because published figures of the usual clips were measured with
+    it. A matrix that swscale does not know is replaced: 10 by BT.2020, others by BT.601.
     """
     if frame.colorspace not in KNOWN_MATRICES:
         frame.colorspace = 9 if frame.colorspace == 10 else MATRIX_BT601
@@ -73,22 +73,22 @@ def to_rgb(frame: av.VideoFrame) -> Rgb:
 
 
 def output_matrix(colour: ColourInfo) -> int:
-    """Return the CICP matrix that YCbCr output is tagged as: the source's, so that players agree.
+    """Return the CICP matrix that tags YCbCr output: the source's, or BT.601 for an RGB source.
 
-    It is converted with those coefficients that it was read with, so that YCbCr comes back as it
-    was: BT.601 for what has no tag or one that is not known here. What was RGB becomes BT.601.
+    The output is converted with the coefficients that the source was read with, so the YCbCr of the
+    source comes back: BT.601 for an untagged or unknown matrix.
     """
     return MATRIX_BT601 if colour.matrix == MATRIX_RGB else colour.matrix
 
 
 def ycbcr_format(width: int, height: int, bit_depth: int = 8) -> str:
-    """Return the pixel format for YCbCr output: 4:2:0, or 4:4:4 where a side is odd."""
+    """Return the pixel format for YCbCr output: 4:2:0, or 4:4:4 if a side is odd."""
     name = "yuv444p" if width % 2 or height % 2 else "yuv420p"
     return name if bit_depth == 8 else f"{name}{bit_depth}le"
 
 
 def to_ycbcr(rgb: AnyRgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
-    """Return a picture as a tagged YCbCr frame of `pixel_format`, of as many bits."""
+    """Return a picture as a tagged YCbCr frame; `pixel_format` must have the bits of `rgb`."""
     if rgb.dtype == np.uint8:
         frame = _to_8_bit(rgb.astype(np.uint8, copy=False), pixel_format, colour)
     else:
@@ -100,7 +100,7 @@ def to_ycbcr(rgb: AnyRgb, pixel_format: str, colour: ColourInfo) -> av.VideoFram
 
 
 def _to_8_bit(rgb: Rgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
-    """Convert by swscale, which is quick and right to the code value."""
+    """Convert with swscale, which is fast and exact for 8 bits."""
     return av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
         format=pixel_format,
         dst_colorspace=_COEFFICIENTS.get(colour.matrix, Colorspace.ITU601),
@@ -111,7 +111,7 @@ def _to_8_bit(rgb: Rgb, pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
 
 
 def _to_10_bit(rgb: NDArray[np.uint16], pixel_format: str, colour: ColourInfo) -> av.VideoFrame:
-    """Convert by the definition (H.273): swscale is off by up to three code values of 10 bits."""
+    """Convert by the definition of H.273: swscale is off by up to three code values of 10 bits."""
     height, width = rgb.shape[:2]
     red, blue = _LUMA.get(colour.matrix, _LUMA_BT601)
     luma = np.array([red, 1 - red - blue, blue])

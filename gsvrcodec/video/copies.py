@@ -1,4 +1,4 @@
-"""Copied streams on their way from a .gsvr file into a container, beside the video."""
+"""Copied streams of a .gsvr file, remuxed into the container of the output."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ _log = logging.getLogger(__name__)
 
 
 class StreamCopies:
-    """Reads copied streams and writes them, in step with the video, into one output."""
+    """Remuxes copied streams into one output, interleaved with the video."""
 
     def __init__(self, streams: Sequence[tuple[StreamTags, bytes]], span: Span) -> None:
         """Open the streams.
 
         Args:
-            streams: what each is, and a container with nothing else, as `copy_streams` makes it.
-            span: packets that lie outside are left out.
+            streams: Tags of each stream, and a container file with that stream alone, as from
+                `copy_streams`.
+            span: Packets outside the span are left out.
         """
         self._copies: list[_StoredStream] = []
         for tags, payload in streams:
@@ -41,12 +42,12 @@ class StreamCopies:
                 _log.warning("a copied stream cannot be read and is left out: %s", error)
 
     def timescale(self, video: int, largest: int) -> int:
-        """Return the ticks a second that hit the times of all streams; `video` if too many."""
+        """Return the timescale common to video and streams; `video` if it is over `largest`."""
         common = lcm(video, *(copy.rate for copy in self._copies))
         return common if common <= largest else video
 
     def add_to(self, output: OutputContainer) -> None:
-        """Add the streams to an output, before its first packet; warn of those it cannot take."""
+        """Add the streams to an output, before its first packet; warn of unsupported streams."""
         refused = [copy for copy in self._copies if not copy.fits(output.format.name)]
         if refused:
             what = ", ".join(copy.description for copy in refused)
@@ -56,18 +57,18 @@ class StreamCopies:
             copy.add_to(output)
 
     def write(self, until: Fraction | None = None) -> None:
-        """Write the packets that start before `until` seconds; None = the rest."""
+        """Write the packets before `until` seconds; None = all remaining packets."""
         for copy in self._copies:
             copy.write(until)
 
     def close(self) -> None:
-        """Let go of the streams."""
+        """Close the container files of the streams."""
         for copy in self._copies:
             copy.close()
 
 
 class _StoredStream:
-    """One stream."""
+    """One copied stream in its container file."""
 
     def __init__(self, payload: bytes, tags: StreamTags, span: Span) -> None:
         self._payload = payload
@@ -85,17 +86,17 @@ class _StoredStream:
 
     @property
     def description(self) -> str:
-        """The stream in words."""
+        """Type and codec of the stream, for messages."""
         return f"{self._source.type} ({self._source.codec_context.name})"
 
     @property
     def rate(self) -> int:
-        """Ticks a second that its times are multiples of."""
+        """Timescale of the stream, ticks a second."""
         base = self._source.time_base
         return base.denominator if base else 1
 
     def fits(self, container: str) -> bool:
-        """Return whether a container takes the stream; some say no at the very end."""
+        """Return whether a container takes the stream, by a trial with its first packet."""
         try:
             with (
                 _opened(self._payload) as source,
@@ -112,14 +113,14 @@ class _StoredStream:
         return True
 
     def add_to(self, output: OutputContainer) -> None:
-        """Add the stream, unless it has no packet."""
+        """Add the stream to an output, unless the stream has no packet."""
         if self._next is not None:
             self._output = output
             self._target = output.add_stream_from_template(self._source)
             write_stream_tags(self._tags, self._target)
 
     def write(self, until: Fraction | None) -> None:
-        """Write the packets that start before `until` seconds; None = the rest."""
+        """Write the packets before `until` seconds; None = all remaining packets."""
         while self._next is not None and (until is None or _start(self._next) < until):
             packet, self._next = self._next, next(self._packets, None)
             assert self._output is not None
@@ -132,26 +133,28 @@ class _StoredStream:
                 self._next = None
 
     def close(self) -> None:
-        """Let go of the stream."""
+        """Close the container file."""
         self._container.close()
 
 
 def _start(packet: av.Packet[Any]) -> Fraction:
-    """Return when a packet is due, seconds."""
+    """Return the decoding timestamp of a packet, seconds."""
     ticks = packet.pts if packet.dts is None else packet.dts
     return (ticks or 0) * packet.time_base
 
 
 def _opened(payload: bytes) -> InputContainer:
-    """Open the container of one stream."""
+    """Open the container file of one stream."""
     return av.open(io.BytesIO(payload), "r", format=_demuxer(payload))
 
 
 def _demuxer(payload: bytes) -> str:
-    """Return FFmpeg's name for the container; no other may read what comes from a file.
+    """Return FFmpeg's name of the demuxer for a container file, by its first bytes.
+
+    No other demuxer may read bytes from a .gsvr file.
 
     Raises:
-        ValueError: it is none of those that streams are kept in.
+        ValueError: The container is neither MP4 nor Matroska nor NUT.
     """
     if payload[4:8] == b"ftyp":
         return DEMUXERS["mp4"]

@@ -1,4 +1,4 @@
-"""Whole pictures from interlaced fields, by FFmpeg's bwdif filter."""
+"""Deinterlacing by FFmpeg's bwdif filter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from av.video.stream import VideoStream
 
 
 def deinterlaced(frames: Iterator[av.VideoFrame], stream: VideoStream) -> Iterator[av.VideoFrame]:
-    """Yield each frame at its own time; those that are interlaced as a whole picture."""
+    """Yield frames at their own timestamps; interlaced frames are deinterlaced."""
     graph = av.filter.Graph()
     source = graph.add_buffer(template=stream)
     bwdif = graph.add("bwdif", "mode=send_frame:deint=interlaced")
@@ -26,7 +26,7 @@ def deinterlaced(frames: Iterator[av.VideoFrame], stream: VideoStream) -> Iterat
 
 
 def _ready(sink: av.filter.FilterContext, stream: VideoStream) -> Iterator[av.VideoFrame]:
-    """Yield what has come through, its times in ticks of the stream as before."""
+    """Yield the filtered frames, with timestamps in ticks of the stream."""
     while True:
         try:
             frame = sink.pull()

@@ -1,4 +1,4 @@
-"""Video streams without a container, in memory: what another encoder makes of the same frames."""
+"""Elementary video streams in memory, coded by other encoders for comparison."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ _FOUR_TWO_ZERO = ("yuv420p", "yuvj420p")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElementaryStream:
-    """Coded frames, one after another."""
+    """Coded frames of a stream without a container."""
 
     packets: tuple[av.Packet[av.VideoStream], ...]
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size of the stream, bytes."""
         return sum(packet.size for packet in self.packets)
 
     @property
     def key_frames(self) -> int:
-        """How many frames decoding may start at."""
+        """Number of key frames."""
         return sum(packet.is_keyframe for packet in self.packets)
 
     @property
     def start(self) -> bytes:
-        """The first coded frame; some encoders leave their name and version in it."""
+        """The first coded frame; some encoders write their name and version into it."""
         return bytes(self.packets[0])
 
     def pictures(self, decoder: str, threads: int = 0) -> Iterator[Rgb]:
         """Yield the decoded pictures.
 
         Args:
-            decoder: FFmpeg's name of it.
-            threads: to decode with; 0 = all cores.
+            decoder: FFmpeg's name of the decoder.
+            threads: Threads for decoding; 0 = all cores.
         """
         context = av.CodecContext.create(decoder, "r")
         assert isinstance(context, av.VideoCodecContext)
@@ -57,7 +57,7 @@ class ElementaryStream:
 
 
 def has_encoder(name: str) -> bool:
-    """Return whether the FFmpeg inside PyAV was built with an encoder."""
+    """Return whether PyAV's FFmpeg was built with an encoder."""
     return name in av.codec.codecs_available
 
 
@@ -68,19 +68,19 @@ def encode_stream(
     options: Mapping[str, str],
     threads: int = 0,
 ) -> ElementaryStream:
-    """Code frames, one tick each.
+    """Encode frames, one tick each.
 
     Args:
-        frames: of one size, pixel format and colour.
-        info: the source: its size and rate.
-        encoder: FFmpeg's name of it.
-        options: FFmpeg's options for it.
-        threads: to encode with; 0 = all cores.
+        frames: Frames of one size, pixel format and colour.
+        info: Size and frame rate of the source.
+        encoder: FFmpeg's name of the encoder.
+        options: FFmpeg's options of the encoder.
+        threads: Threads for encoding; 0 = all cores.
 
     Raises:
-        UsageError: the encoder refuses the options or the pictures.
+        UsageError: The encoder rejects the options or the pictures.
     """
-    # SVT-AV1 prints its settings past FFmpeg's log, unless it is told otherwise in this way.
+    # SVT-AV1 prints its settings to stderr, not to FFmpeg's log; this keeps it to errors.
     os.environ.setdefault("SVT_LOG", "1")
     rate = info.average_rate or Fraction(25)
     context = av.CodecContext.create(encoder, "w")
@@ -110,10 +110,10 @@ def encode_stream(
 
 @contextmanager
 def _own_scheduling() -> Iterator[None]:
-    """Undo a change of how this thread is scheduled.
+    """Restore the scheduling policy of this thread after the block.
 
-    SVT-AV1 makes whoever opens it a real-time thread if root does; all that is started later
-    would be one too, and keep everything else off its core.
+    Run by root, SVT-AV1 makes the thread that opens it a real-time thread. Threads started later
+    would inherit that policy and block other work on their cores.
     """
     if not hasattr(os, "sched_getscheduler"):
         yield
@@ -127,17 +127,17 @@ def _own_scheduling() -> Iterator[None]:
 
 
 def ycbcr_frames(pictures: Iterable[Rgb], info: VideoInfo) -> Iterator[av.VideoFrame]:
-    """Yield RGB pictures of a source as YCbCr, 4:2:0 where both sides are even."""
+    """Yield RGB pictures of a source as YCbCr frames, 4:2:0, or 4:4:4 if a side is odd."""
     pixel_format = ycbcr_format(info.width, info.height)
     for rgb in pictures:
         yield to_ycbcr(rgb, pixel_format, info.colour)
 
 
 def source_frames(info: VideoInfo, start: int, count: int) -> Iterator[av.VideoFrame]:
-    """Yield `count` frames of a source from number `start` as they are, cropped.
+    """Yield `count` frames of a source from frame `start`, in their own YCbCr, cropped.
 
     Raises:
-        UsageError: they are not 8-bit YCbCr 4:2:0, or the crop is odd.
+        UsageError: The frames are not 8-bit YCbCr 4:2:0, or the crop is odd.
     """
     if info.pixel_format not in _FOUR_TWO_ZERO or any(
         number % 2 for number in (info.width, info.height, info.crop_x, info.crop_y)
@@ -152,7 +152,7 @@ def source_frames(info: VideoInfo, start: int, count: int) -> Iterator[av.VideoF
 
 
 def _cut(frame: av.VideoFrame, info: VideoInfo) -> av.VideoFrame:
-    """Return the cropped part of a 4:2:0 frame, with its tags."""
+    """Return the cropped part of a 4:2:0 frame, with its colour tags."""
     parts = []
     for plane, factor in zip(frame.planes, (1, 2, 2), strict=True):
         samples = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)

@@ -1,4 +1,4 @@
-"""Writers that code the pictures: H.264 or HEVC in MP4, and lossless FFV1 in Matroska."""
+"""Writers with a video encoder: H.264 or HEVC in MP4, lossless FFV1 in Matroska."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from gsvrcodec.video.tags import write_tags
 
 _log = logging.getLogger(__name__)
 
-#: The largest number of ticks a second that MP4 can count in.
+#: Greatest timescale of MP4, ticks a second.
 _MAX_TIMESCALE = 2**31 - 1
 
-#: x265 takes no smaller pictures, pixels.
+#: Least side of a picture that x265 accepts, pixels.
 _LEAST_HEVC_SIDE = 16
 
-#: Matroska files count in milliseconds.
+#: Tick of Matroska files, seconds.
 _MILLISECOND = Fraction(1, 1000)
 
 
 class _ContainerWriter(ABC):
-    """A file with one video stream, written by FFmpeg; the ticks of the source are kept."""
+    """A file with one video stream, written by FFmpeg; the time base of the source is kept."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class _ContainerWriter(ABC):
         context.colorspace = matrix
         full = info.colour.full_range or matrix == MATRIX_RGB
         context.color_range = ColorRange.JPEG if full else ColorRange.MPEG
-        if info.mirrored:  # here it is done after turning, which is as turning the other way
+        if info.mirrored:  # FFmpeg mirrors after turning: the angle changes sign
             stream.set_display_rotation(info.rotation, hflip=True)
         elif info.rotation:
             stream.set_display_rotation(-info.rotation)
@@ -95,7 +95,7 @@ class _ContainerWriter(ABC):
         self._file.close()
 
     def _mux(self, packets: list[av.Packet[av.VideoStream]]) -> None:
-        """Write coded pictures, each with its own duration, which encoders do not pass on."""
+        """Write coded pictures with their durations, which encoders do not pass on."""
         for packet in packets:
             if packet.dts is not None:
                 self._copies.write(packet.dts * packet.time_base)
@@ -104,7 +104,7 @@ class _ContainerWriter(ABC):
             self._file.mux(packet)
 
     def abort(self) -> None:
-        """Let go of the file."""
+        """Close the unfinished file."""
         try:
             self._file.close()
         except (av.FFmpegError, OSError) as error:
@@ -112,7 +112,7 @@ class _ContainerWriter(ABC):
 
 
 class Mp4Writer(_ContainerWriter):
-    """Near-lossless H.264 in MP4, or HEVC for 10 bits; timestamps exact to the tick."""
+    """Near-lossless H.264 in MP4, or HEVC for 10 bits; timestamps are exact."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Create the file at `path`."""
@@ -124,9 +124,9 @@ class Mp4Writer(_ContainerWriter):
         options = {
             "crf": str(info.crf),
             "preset": info.codec_preset,
-            # Without B-frames every sample's duration in the file is the time it is shown.
+            # Without B-frames the duration of each sample in the file is its display duration.
             "bf": "0",
-            # Fidelity, not looks; and no saving on pictures that the next ones do not use.
+            # Optimise PSNR, not perceived quality; no lower quality for unreferenced blocks.
             "x264-params": "mbtree=0:psy=0",
         }
         if info.bit_depth > 8 and min(info.width, info.height) >= _LEAST_HEVC_SIDE:
@@ -142,7 +142,7 @@ class Mp4Writer(_ContainerWriter):
             path,
             info,
             container="mp4",
-            # FFmpeg's own choices round the start of the film to milliseconds.
+            # FFmpeg's default timescales round the start of the film to milliseconds.
             container_options={
                 "video_track_timescale": str(timescale),
                 "movie_timescale": str(copies.timescale(timescale, _MAX_TIMESCALE)),
@@ -161,7 +161,7 @@ class Mp4Writer(_ContainerWriter):
 
 
 class Ffv1Writer(_ContainerWriter):
-    """Lossless FFV1 of the RGB itself in Matroska, timestamps to the millisecond."""
+    """Lossless FFV1 of the RGB samples in Matroska; timestamps are rounded to milliseconds."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Create the file at `path`."""
@@ -172,10 +172,10 @@ class Ffv1Writer(_ContainerWriter):
             path,
             info,
             container="matroska",
-            # Sound that starts before the video must not push the video's times.
+            # Audio that starts before the video must not shift the timestamps of the video.
             container_options={
                 "avoid_negative_ts": "disabled",
-                # `set_sample_aspect` could not keep them right.
+                # `set_sample_aspect` changes the file without updating checksums.
                 "write_crc32": str(int(info.sample_aspect == 1)),
             },
             codec="ffv1",
@@ -202,7 +202,7 @@ class Ffv1Writer(_ContainerWriter):
             _log.warning("pixels of %s are shown square in .mkv; use .mp4", info.sample_aspect)
 
     def _frame(self, rgb: AnyRgb) -> av.VideoFrame:
-        """Return the picture as it is; one of 8 bits with a byte of padding to every pixel."""
+        """Return the RGB samples; 8-bit samples with a byte of padding after each pixel."""
         if rgb.dtype == np.uint16:
             frame = av.VideoFrame.from_ndarray(
                 np.ascontiguousarray(rgb, np.uint16), format="gbrp10le"

@@ -1,4 +1,4 @@
-"""All that a source holds besides its pictures, ready to be put into a .gsvr file."""
+"""Sound, subtitles, titles and chapters of a source, for the .gsvr file."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ class Extras:
 
     @property
     def streams_bytes(self) -> int:
-        """Bytes that the streams take in the file."""
+        """Bytes of the streams' chunks in the .gsvr file."""
         return sum(OVERHEAD_BYTES + len(stream.payload) for stream in self.streams)
 
 
 def read_extras(path: str | os.PathLike[str], kinds: Collection[str], span: Span) -> Extras:
-    """Read what a source holds besides its pictures.
+    """Read sound, subtitles, titles and chapters of a source.
 
     Args:
-        path: any file that FFmpeg reads.
-        kinds: the streams to copy: "audio", "subtitle" or both.
-        span: the part of the film that is kept.
+        path: Any file that FFmpeg reads.
+        kinds: Streams to copy: "audio", "subtitle" or both.
+        span: The part of the film to keep.
 
     Raises:
-        InputError: the file cannot be read.
-        NotAVideoError: it is no video.
+        InputError: The file cannot be read.
+        NotAVideoError: The file has no video stream.
     """
     path = Path(path)
     with opened(path) as (container, stream):

@@ -1,4 +1,4 @@
-"""The shape of a pixel in a Matroska file, which its muxer takes from where PyAV cannot put it."""
+"""Sample aspect ratio of a Matroska file; FFmpeg's muxer does not get it from PyAV."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import NamedTuple
 _SEGMENT, _TRACKS, _TRACK, _VIDEO = 0x18538067, 0x1654AE6B, 0xAE, 0xE0
 _DISPLAY_UNIT, _VOID = 0x54B2, 0xEC
 
-#: All that stands before the pictures lies in here.
+#: Bytes to read: enough for all elements before the first cluster.
 _HEAD_BYTES = 2**20
 
-#: Sides are written with 16 bits.
+#: Greatest display width or height, written with 16 bits.
 _MAX_SIDE = 2**16 - 1
 
 
@@ -20,23 +20,23 @@ class _Element(NamedTuple):
     """An EBML element."""
 
     start: int  #: offset of its identifier
-    content: int  #: offset of what it holds
-    end: int  #: offset behind it
+    content: int  #: offset of its content
+    end: int  #: offset after its content
 
 
 def set_sample_aspect(path: Path, size: tuple[int, int], aspect: Fraction) -> bool:
-    """Write into the first track of a file how wide its pixels are for their height.
+    """Write the display size, by the sample aspect ratio, into the first track of a file.
 
-    The size of the picture on the screen takes the place of padding that FFmpeg leaves behind the
-    properties of a video; nothing else moves.
+    The two elements replace padding that FFmpeg leaves behind the video properties; no other
+    element moves.
 
     Args:
-        path: a finished file of FFmpeg's muxer, without checksums.
-        size: width and height of its pictures, pixels.
-        aspect: width of a pixel over its height.
+        path: A finished file of FFmpeg's muxer, without checksums.
+        size: Width and height of the pictures, pixels.
+        aspect: Width of a pixel over its height.
 
     Returns:
-        Whether there was such a place.
+        Whether the file has room for the elements; False = the file is unchanged.
     """
     with path.open("r+b") as file:
         head = file.read(_HEAD_BYTES)
@@ -65,7 +65,7 @@ def set_sample_aspect(path: Path, size: tuple[int, int], aspect: Fraction) -> bo
 
 
 def _find(data: bytes, parent: _Element, kind: int) -> _Element:
-    """Return the first element of a kind in another one; raise `LookupError` if there is none."""
+    """Return the first child element of type `kind`; LookupError if `parent` has none."""
     start = parent.content
     while start < min(parent.end, len(data)):
         after_kind = start + _length(data, start)
@@ -79,5 +79,5 @@ def _find(data: bytes, parent: _Element, kind: int) -> _Element:
 
 
 def _length(data: bytes, offset: int) -> int:
-    """Return the bytes of the EBML number at `offset`, which its leading zero bits count."""
+    """Return the length in bytes of the EBML number at `offset`, from its leading zero bits."""
     return 9 - data[offset].bit_length()

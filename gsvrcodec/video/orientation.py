@@ -1,4 +1,4 @@
-"""How a player turns and mirrors the picture: read from a source, or done to its pictures."""
+"""Orientation of a video: rotation and mirroring, read from a source or applied to pictures."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 
 from gsvrcodec.video.colour import Rgb
 
-#: The matrix that FFmpeg gives with a frame: 9 numbers, row by row.
+#: FFmpeg's display matrix: 9 numbers, row by row.
 _MATRIX = struct.Struct("=9i")
 
 
 def orientation(frame: av.VideoFrame) -> tuple[int, bool]:
-    """Return the degrees clockwise, in quarter turns, and whether it is mirrored before that."""
+    """Return the clockwise rotation, 0, 90, 180 or 270, and whether mirroring comes before it."""
     try:
         side = cast(Mapping[str, Any], frame.side_data)["DISPLAYMATRIX"]
     except KeyError:
@@ -29,6 +29,6 @@ def orientation(frame: av.VideoFrame) -> tuple[int, bool]:
 
 
 def upright(rgb: Rgb, rotation: int, mirrored: bool) -> Rgb:
-    """Return a picture as players show it."""
+    """Return a picture mirrored and turned as a player shows it."""
     shown = rgb[:, ::-1] if mirrored else rgb
     return np.rot90(shown, -rotation // 90)

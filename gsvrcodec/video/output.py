@@ -1,4 +1,4 @@
-"""What every writer must know of the pictures it gets."""
+"""Properties of an output video, shared by all writers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ DEFAULT_CODEC_PRESET = "veryfast"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputInfo:
-    """The pictures to come, and how to code them."""
+    """Properties of the pictures of an output, and coding options."""
 
     width: int  #: pixels
     height: int  #: pixels
     time_base: Fraction  #: seconds a tick
-    rate: Fraction  #: mean frames a second
-    frames: int  #: how many pictures will come
-    bit_depth: int = 8  #: of a sample of the pictures: 8 (uint8) or 10 (uint16, 0 to 1023)
+    rate: Fraction  #: mean frame rate, frames a second
+    frames: int  #: number of pictures
+    bit_depth: int = 8  #: bits a sample: 8 (uint8) or 10 (uint16, 0 to 1023)
     first_frame: int = 0  #: number of the first picture in the film, from 0
     sample_aspect: Fraction = Fraction(1)  #: width of a pixel over its height
     rotation: int = 0  #: degrees clockwise that a player turns the picture by
@@ -31,8 +31,8 @@ class OutputInfo:
     colour: ColourInfo = field(default_factory=ColourInfo)
     crf: int = DEFAULT_CRF  #: quality of H.264 or HEVC, 0 (lossless YCbCr) to 51
     codec_preset: str = DEFAULT_CODEC_PRESET  #: effort of x264 or x265
-    threads: int = 0  #: of the output's encoder; 0 = all cores
+    threads: int = 0  #: threads of the output's encoder; 0 = all cores
     tags: Tags = field(default_factory=Tags)  #: titles, languages, chapters
-    #: Sound and subtitles: what they are, and each in a container of its own.
+    #: Copied sound and subtitles: tags, and a container file with that stream alone.
     streams: tuple[tuple[StreamTags, bytes], ...] = ()
-    span: Span = field(default_factory=Span)  #: what to keep of streams and chapters
+    span: Span = field(default_factory=Span)  #: part of streams and chapters to keep

@@ -1,4 +1,4 @@
-"""Writers without a container: Y4M, numbered PNG files, a checksum, and nothing at all."""
+"""Writers without a container: Y4M, numbered PNG files, MD5, null."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gsvrcodec.video.sequence import NUMBER
 
 _log = logging.getLogger(__name__)
 
-#: Chroma of a pixel format, as the head of a Y4M file names it.
+#: Y4M's name of a pixel format's chroma.
 _Y4M_CHROMA = {
     "yuv420p": "420jpeg",
     "yuv444p": "444",
@@ -31,7 +31,7 @@ class Y4mWriter:
     """Uncompressed YCbCr, 4:2:0 or 4:4:4, at a constant frame rate."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
-        """Start the stream at `path`, None = standard output."""
+        """Start the stream at `path`; None = standard output."""
         self._info = info
         self._format = ycbcr_format(info.width, info.height, info.bit_depth)
         self._file: BinaryIO = sys.stdout.buffer if path is None else path.open("wb")
@@ -64,7 +64,7 @@ class Y4mWriter:
         self.abort()
 
     def abort(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._owned:
             self._file.close()
 
@@ -73,13 +73,13 @@ class PngWriter:
     """One PNG file a picture, named by its number in the film."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
-        """Write to the names that `path` stands for."""
+        """Write to the numbered names of the pattern `path`."""
         assert path is not None
         self._info = info
         self._paths = iter(png_paths(path, info))
 
     def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
-        """Write one picture; its file appears whole."""
+        """Write one picture; its file appears only when complete."""
         target = next(self._paths)
         partial = target.with_name(f".{target.name}.part")
         try:
@@ -96,10 +96,10 @@ class PngWriter:
 
 
 class Md5Writer:
-    """The MD5 of all RGB bytes in order: equal sums, equal pictures."""
+    """Prints the MD5 of all RGB bytes in order, to compare decoders."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
-        """Print the sum to `path` at the end, None = standard output."""
+        """Print the sum to `path` at the end; None = standard output."""
         self._file: TextIO = sys.stdout if path is None else path.open("w", encoding="ascii")
         self._owned = path is not None
         self._sum = hashlib.md5(usedforsecurity=False)
@@ -115,19 +115,19 @@ class Md5Writer:
         self.abort()
 
     def abort(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._owned:
             self._file.close()
 
 
 class NullWriter:
-    """Takes pictures and forgets them: what decoding alone costs."""
+    """Discards all pictures, to measure decoding alone."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
         """Nothing to open."""
 
     def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
-        """Forget one picture."""
+        """Discard one picture."""
 
     def close(self) -> None:
         """Nothing to close."""
@@ -137,10 +137,10 @@ class NullWriter:
 
 
 def png_paths(path: Path, info: OutputInfo) -> list[Path]:
-    """Return the file of every picture; `path` holds a number such as %04d.
+    """Return the path of every picture; the name in `path` has a number such as %04d.
 
     Raises:
-        UsageError: the name holds no number, or more than one, and there are several pictures.
+        UsageError: The name has not exactly one number, and there are several pictures.
     """
     numbers = NUMBER.findall(path.name)
     if not numbers and info.frames == 1:
@@ -152,7 +152,7 @@ def png_paths(path: Path, info: OutputInfo) -> list[Path]:
 
 
 def _png(rgb: AnyRgb) -> bytes:
-    """Return a picture as the bytes of a PNG file, with 16 bits a sample if it has more than 8."""
+    """Return a picture as a PNG file, with 16 bits a sample for pictures of more than 8 bits."""
     height, width = rgb.shape[:2]
     if rgb.dtype == np.uint16:
         deep = np.ascontiguousarray(rgb << 6 | rgb >> 4, np.uint16)

@@ -1,4 +1,4 @@
-"""What a video file holds, found by opening it and decoding its first frame."""
+"""Properties of a video file, from its container and its first frame."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from gsvrcodec.video.sequence import first_of_sequence
 
 _log = logging.getLogger(__name__)
 
-#: Keeps names such as "12:30.mp4" from being taken for an address.
+#: FFmpeg's prefix for files; without it a name such as "12:30.mp4" is taken for a URL.
 _FILE = "file:"
 
 _CLOCK = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
-#: Demuxers of what has no times.
+#: Demuxers of formats without timestamps.
 _UNTIMED = frozenset(
     {"image2", "h264", "hevc", "vvc", "av1", "obu", "m4v", "mpegvideo", "mjpeg", "dirac", "vc1"}
 )
 
-#: Demuxers that take any text or bytes for a picture of text.
+#: Demuxers that accept any text or bytes as text art.
 _TEXT_ART = frozenset({"tty", "bin", "xbin", "adf", "idf"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoInfo:
-    """The video stream of a file, as it is stored: rotation and aspect are not applied."""
+    """Properties of a video stream as stored: rotation and sample aspect are not applied."""
 
     path: Path
     width: int  #: after cropping, pixels
@@ -53,9 +53,9 @@ class VideoInfo:
     crop_x: int  #: column of the source where the crop starts
     crop_y: int  #: row of the source where the crop starts
     time_base: Fraction  #: seconds a tick
-    average_rate: Fraction | None  #: frames a second; None = unknown
-    frames: int | None  #: what the container says of the whole stream; None = it does not
-    duration: Fraction | None  #: seconds, what the container says; None = it does not
+    average_rate: Fraction | None  #: frames a second; None = not known
+    frames: int | None  #: frames of the whole stream by the container; None = not given
+    duration: Fraction | None  #: duration by the container, seconds; None = not given
     sample_aspect: Fraction  #: width of a pixel over its height
     rotation: int  #: 0, 90, 180 or 270: degrees clockwise that a player turns the picture by
     mirrored: bool  #: whether a player mirrors the picture left to right before it turns it
@@ -63,8 +63,8 @@ class VideoInfo:
     pixel_format: str  #: FFmpeg's name of the source's pixel format
     codec: str  #: FFmpeg's name of the source's decoder
     interlaced: bool
-    alpha: bool  #: whether pixels are partly transparent, which is lost
-    other_videos: int  #: further video streams of the file, which are left alone
+    alpha: bool  #: whether the pictures have an alpha channel, which is dropped
+    other_videos: int  #: further video streams of the file, which are ignored
     colour: ColourInfo
 
 
@@ -75,13 +75,13 @@ def opened(
     """Open a file, or numbered pictures such as in_%04d.png, and close it after the block.
 
     Args:
-        path: what to open.
-        rate: frames a second of what has no times of its own: pictures and raw streams.
+        path: The file, or the pattern of numbered pictures.
+        rate: Frame rate of inputs without timestamps: pictures and raw streams.
 
     Raises:
-        InputError: the file cannot be read.
-        NotAVideoError: it has no video stream.
-        UsageError: it has times of its own, and `rate` is given.
+        InputError: The file cannot be read.
+        NotAVideoError: The file has no video stream.
+        UsageError: The file has timestamps, and `rate` is given.
     """
     options = {} if rate is None else {"framerate": str(rate)}
     first, kind = first_of_sequence(path), None
@@ -108,7 +108,7 @@ def opened(
 
 
 def decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.VideoFrame]:
-    """Yield every frame that can be decoded; what is damaged is skipped with a warning."""
+    """Yield every frame that can be decoded; damaged packets are skipped with a warning."""
     name = container.name.removeprefix(_FILE)
     packets = container.demux(stream)
     whole = True
@@ -127,7 +127,7 @@ def decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.Video
 
 
 def demuxed(container: InputContainer, streams: Sequence[Stream]) -> Iterator[av.Packet[Any]]:
-    """Yield every packet of `streams`, in the order of the file; what is damaged ends it."""
+    """Yield the packets of `streams` in file order; damage ends the iteration with a warning."""
     packets = container.demux(*streams) if streams else iter(())
     while True:
         try:
@@ -137,12 +137,12 @@ def demuxed(container: InputContainer, streams: Sequence[Stream]) -> Iterator[av
             return
         if packet is None:
             return
-        if packet.size or packet.dts is not None:  # else it only tells that the stream has ended
+        if packet.size or packet.dts is not None:  # else: end of stream
             yield packet
 
 
 def probe(path: str | os.PathLike[str], rate: Fraction | None = None) -> VideoInfo:
-    """Return what the first video stream of `path` is; arguments and errors as `opened`."""
+    """Return the properties of the first video stream; arguments and errors as of `opened`."""
     path = Path(path)
     with opened(path, rate) as (container, stream):
         frame = next(decoded(container, stream), None)
@@ -177,10 +177,10 @@ def probe(path: str | os.PathLike[str], rate: Fraction | None = None) -> VideoIn
 
 
 def _duration(stream: VideoStream) -> Fraction | None:
-    """Return how long a stream is by its container, seconds."""
+    """Return the duration of a stream by its container, seconds."""
     if stream.duration is not None and stream.time_base is not None:
         return stream.duration * stream.time_base
-    written = _CLOCK.fullmatch(stream.metadata.get("DURATION", ""))  # by Matroska's muxers
+    written = _CLOCK.fullmatch(stream.metadata.get("DURATION", ""))  # tag of Matroska's muxers
     if written is None:
         return None
     hours, minutes, seconds = written.groups()
@@ -188,12 +188,12 @@ def _duration(stream: VideoStream) -> Fraction | None:
 
 
 def _is_cover(stream: Stream) -> bool:
-    """Return whether a video stream is only the cover of a sound track."""
+    """Return whether a video stream is a cover picture."""
     return bool(stream.disposition & Disposition.attached_pic)
 
 
 def _rate(stream: VideoStream, *, timed: bool) -> Fraction | None:
-    """Return the frame rate that is most likely; `timed` = frames come with timestamps."""
+    """Return the most likely frame rate; `timed` = frames have timestamps."""
     average, guessed = stream.average_rate, stream.guessed_rate
     for rate in (average, guessed) if timed else (guessed, average):
         if rate and rate > 0:
@@ -202,7 +202,7 @@ def _rate(stream: VideoStream, *, timed: bool) -> Fraction | None:
 
 
 def _check_start(path: Path) -> None:
-    """Refuse what FFmpeg need not see."""
+    """Raise a NotAVideoError for an empty file and for a .gsvr file."""
     with path.open("rb") as file:
         start = file.read(len(SIGNATURE))
     if not start:

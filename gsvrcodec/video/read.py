@@ -1,4 +1,4 @@
-"""Source video as a stream of RGB frames, never more than a few in memory."""
+"""Source video as a stream of RGB frames, with few frames in memory."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from gsvrcodec.video.timing import Part, Timeline
 
 _log = logging.getLogger(__name__)
 
-#: The most frames a second, and the largest denominator of their number.
+#: Greatest frame rate, frames a second, and greatest denominator of a frame rate.
 _MAX_RATE = 1000
 _MAX_DENOMINATOR = 100_000
 
-#: A source that ends so much before it says it does is cut short, seconds.
+#: A source is cut short if it ends this much before the duration of its container, seconds.
 _MISSING = Fraction(1, 4)
 
-#: Width, height, column, row in pixels; a None column or row centres the crop.
+#: Width, height, column and row of a crop, pixels; column or row None = centred.
 Crop = tuple[int, int, int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One picture of the source and the time it is shown."""
+    """One picture of the source with timestamp and duration."""
 
     rgb: Rgb  #: (H, W, 3) uint8, cropped
-    pts: int  #: presentation time, ticks of the time base
+    pts: int  #: presentation timestamp, ticks of the time base
     duration: int  #: until the next frame, ticks
 
 
 class VideoReader:
-    """Frames of one video; every `iter()` starts again from the first."""
+    """Frames of one video; every `iter()` starts again at the first frame."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class VideoReader:
         turned: tuple[int, bool] = (0, False),
         deinterlace: bool = False,
     ) -> None:
-        """Use `open_video`; `turned` is the orientation that is done to the pictures."""
+        """See `open_video`; `turned` is the rotation and mirroring to apply to the pictures."""
         self.info = info
         self._part = part
         self._rate = rate
@@ -76,23 +76,23 @@ class VideoReader:
         self.close()
 
     def close(self) -> None:
-        """Refuse further iteration."""
+        """Close the reader; later iteration raises `ValueError`."""
         self._closed = True
 
     def __iter__(self) -> Iterator[SourceFrame]:
         """Yield the chosen frames in presentation order.
 
         Raises:
-            UsageError: the first chosen frame lies past the end.
-            UnsupportedError: the picture size changes within the video.
-            ValueError: the reader is closed.
+            UsageError: The first chosen frame lies past the end.
+            UnsupportedError: The picture size changes within the video.
+            ValueError: The reader is closed.
         """
         if self._closed:
             raise ValueError("the video is closed")
         return self._chosen()
 
     def _chosen(self) -> Iterator[SourceFrame]:
-        """Yield frames one step behind the decoder: a duration ends where the next frame starts."""
+        """Yield the chosen frames; each waits for the next frame's timestamp, its end."""
         info, part = self.info, self._part
         held: tuple[Rgb, int] | None = None
         count = given = 0
@@ -100,7 +100,7 @@ class VideoReader:
             timeline = Timeline(str(info.path), info.time_base, self._rate or stream.guessed_rate)
             frames = decoded(container, stream)
             for frame in deinterlaced(frames, stream) if self._deinterlace else frames:
-                # The rate that was asked for goes before what a raw stream says of itself.
+                # An explicit rate overrides the durations of a raw stream.
                 duration = frame.duration if self._rate is None else 0
                 pts = timeline.place(frame.pts, duration)
                 if held is not None:
@@ -157,22 +157,22 @@ def open_video(
     """Open a video for reading as RGB.
 
     Args:
-        path: any file that FFmpeg reads, or numbered pictures such as in_%04d.png.
-        crop: width, height, column, row of the part to keep, pixels; None = all of it.
-        start_frame: first frame to give, from 0.
-        frames: how many frames to give; None = to the end. Fewer come if the video ends before.
-        start_seconds: instead of `start_frame`: give what starts at this time or later. Seconds
-            on the clock of the video's timestamps.
-        stop_seconds: instead of `frames`: give what starts before this time.
-        rate: frames a second of what has no times of its own: pictures and raw streams.
-        bake_rotation: turn and mirror the pictures as a player would; a crop is then of those.
-        deinterlace: make whole pictures of interlaced ones, which are refused otherwise.
+        path: Any file that FFmpeg reads, or numbered pictures such as in_%04d.png.
+        crop: Width, height, column, row of the part to keep, pixels; None = the whole picture.
+        start_frame: First frame to read, from 0.
+        frames: Number of frames to read; None = to the end. Fewer if the video ends before.
+        start_seconds: Instead of `start_frame`: read frames that start at this time or later.
+            Seconds on the clock of the video's timestamps.
+        stop_seconds: Instead of `frames`: read frames that start before this time.
+        rate: Frame rate of inputs without timestamps: pictures and raw streams.
+        bake_rotation: Turn and mirror the pictures as a player would; the crop applies afterwards.
+        deinterlace: Deinterlace interlaced frames; without it interlaced video is refused.
 
     Raises:
-        InputError: the file is missing, a directory or unreadable.
-        NotAVideoError: it is no video, or one without a single frame.
-        UnsupportedError: it is interlaced.
-        UsageError: the crop does not fit into the picture, a frame number is out of range, or
+        InputError: The file is missing, a directory or unreadable.
+        NotAVideoError: The file has no video stream, or no frame.
+        UnsupportedError: The video is interlaced.
+        UsageError: The crop does not fit into the picture, a frame number is out of range, or
             arguments contradict each other.
     """
     part = Part(start_frame, frames, start_seconds, stop_seconds)
@@ -199,7 +199,7 @@ def open_video(
     )
 
 
-#: What may be said of how to read a video: arguments of `open_video`.
+#: Arguments of `open_video` that an encode may set.
 _OPTIONS = (
     "crop",
     "start_frame",
@@ -218,7 +218,7 @@ def reading_options(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _frame_rate(rate: float | Fraction | None) -> Fraction | None:
-    """Return a rate as FFmpeg takes it."""
+    """Return a frame rate as a fraction that FFmpeg accepts; UsageError if out of range."""
     if rate is None:
         return None
     if not (isfinite(rate) and 0 < rate <= _MAX_RATE):
@@ -227,7 +227,7 @@ def _frame_rate(rate: float | Fraction | None) -> Fraction | None:
 
 
 def _warnings(info: VideoInfo) -> Iterator[str]:
-    """Yield what of the source will not be as it was."""
+    """Yield warnings about properties of the source that are lost or changed."""
     if info.colour.matrix not in KNOWN_MATRICES:
         what = "BT.2020" if info.colour.matrix == 10 else "BT.601"
         yield f"colour matrix {info.colour.matrix} is taken for {what}"
@@ -238,7 +238,7 @@ def _warnings(info: VideoInfo) -> Iterator[str]:
 
 
 def _upright(info: VideoInfo) -> VideoInfo:
-    """Return what a video is once its pictures are turned."""
+    """Return the properties of a video whose pictures are turned and mirrored."""
     if info.rotation % 180 == 0:
         return replace(info, rotation=0, mirrored=False)
     return replace(
@@ -254,7 +254,7 @@ def _upright(info: VideoInfo) -> VideoInfo:
 
 
 def _cropped(info: VideoInfo, crop: Crop) -> VideoInfo:
-    """Return `info` with the crop worked out."""
+    """Return `info` with the crop applied; UsageError if the crop does not fit."""
     width, height, x, y = crop
     if width < 1 or height < 1:
         raise UsageError(f"a crop of {width}x{height} holds no pixel")

@@ -1,4 +1,4 @@
-"""Numbered pictures as the frames of a video."""
+"""Numbered pictures as a video."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from pathlib import Path
 
 from gsvrcodec.errors import InputError
 
-#: The number in the name of a picture, as printf writes it.
+#: The number in the name of a picture, in printf notation.
 NUMBER = re.compile(r"%0?\d*d")
 
 
 def first_of_sequence(path: Path) -> int | None:
-    """Return the first number of the pictures that `path`, such as in_%04d.png, stands for.
+    """Return the first number of the pictures of a pattern such as in_%04d.png.
 
-    None if it is the name of a file.
+    Returns:
+        The number, or None if `path` is a file or no pattern.
 
     Raises:
-        InputError: there is no such picture, or one is missing between two others.
+        InputError: No picture matches, or a number is missing in the sequence.
     """
     if path.exists() or len(NUMBER.findall(path.name)) != 1 or path.name.count("%") != 1:
         return None

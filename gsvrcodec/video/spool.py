@@ -1,4 +1,4 @@
-"""Input that can be read only once, made readable again."""
+"""Inputs that can be read only once, spooled to a temporary file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gsvrcodec.errors import NotAVideoError, OutputError
 
-#: Stands for the standard input.
+#: Name of the standard input.
 STDIN = "-"
 
 _BLOCK_BYTES = 2**20
@@ -21,14 +21,14 @@ _BLOCK_BYTES = 2**20
 
 @contextmanager
 def rereadable(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a path that can be read more than once.
+    """Yield a path that can be read more than once.
 
-    That is `path` itself if it is a file. What comes through a pipe or from the standard input,
-    "-", is copied to a temporary file first, which is removed after the block.
+    A file is its own path. A pipe or the standard input, "-", is copied to a temporary file, which
+    is removed after the block.
 
     Raises:
-        NotAVideoError: nothing came.
-        OutputError: there is no room for the temporary file.
+        NotAVideoError: The pipe was empty.
+        OutputError: The temporary file cannot be written.
     """
     name = os.fspath(path)
     if not is_pipe(name):
@@ -54,7 +54,7 @@ def rereadable(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def is_pipe(name: str) -> bool:
-    """Return whether a path is "-" or a named pipe, such as a shell's <(command)."""
+    """Return whether a path is "-" or a named pipe, as of a shell's <(command)."""
     if name == STDIN:
         return True
     try:

@@ -1,6 +1,7 @@
-"""Sound and subtitles of a source, copied packet for packet into small files of their own.
+"""Copies of a source's sound and subtitle streams, packet by packet, one container file each.
 
-A stream goes into the first container that gives all of it back as it was: same bytes, same times.
+The containers are tried in turn; the first one that returns all packets with the same bytes and
+timestamps is used, else the one with the least difference.
 """
 
 from __future__ import annotations
@@ -30,43 +31,44 @@ from gsvrcodec.video.timing import Span
 
 _log = logging.getLogger(__name__)
 
-#: Demuxer of each container that a stream may be kept in.
+#: FFmpeg's demuxer of each container to try.
 DEMUXERS = {"mp4": "mov", "mov": "mov", "matroska": "matroska", "nut": "nut"}
 
 _MILLISECOND = Fraction(1, 1000)
 _MAX_TIMESCALE = 2**31 - 1
 
-#: What MP4's subtitles hold between two lines; its muxer fills every gap with it.
+#: Empty subtitle of MP4, which the muxer puts into every gap.
 _NO_LINE = b"\0\0"
 
 _Stream = AudioStream | SubtitleStream
 
-#: Times off by more than a millisecond, packets changed, seconds that times are off, extras lost.
+#: Whether times differ by more than 1 ms, packets changed, largest time difference in seconds,
+#: packets with changed side data.
 _Difference = tuple[bool, int, Fraction, int]
 
 
 @dataclass(frozen=True, slots=True)
 class CopiedStream:
-    """One stream of the source, in a container of its own."""
+    """One copied stream of the source in a container file."""
 
     kind: str  #: "audio" or "subtitle"
-    codec: str  #: FFmpeg's name
+    codec: str  #: FFmpeg's name of the codec
     tags: StreamTags
-    payload: mmap.mmap  #: the container; unmapped when nothing refers to it
+    payload: mmap.mmap  #: the container file; unmapped when nothing refers to it
 
 
 def copy_streams(
     path: str | os.PathLike[str], kinds: Collection[str], span: Span
 ) -> Iterator[CopiedStream]:
-    """Yield the streams of the chosen kinds, in the order of the source.
+    """Yield copies of the streams of the chosen kinds, in source order.
 
     Args:
-        path: any file that FFmpeg reads.
+        path: Any file that FFmpeg reads.
         kinds: "audio", "subtitle" or both.
-        span: packets that lie outside are left out, times stay what they were.
+        span: Packets outside the span are left out; timestamps do not change.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: The file cannot be read.
     """
     path = Path(path)
     with opened(path) as (container, _), ExitStack() as files:
@@ -88,7 +90,7 @@ def copy_streams(
 def _attempt(
     path: Path, indices: list[int], choice: int, span: Span, files: ExitStack
 ) -> dict[int, _TrialCopy]:
-    """Copy streams, each into the container that is its `choice`th; return those that worked."""
+    """Copy each stream into the container number `choice` of its list; return the successes."""
     copies: dict[int, _TrialCopy] = {}
     if not indices:
         return copies
@@ -114,18 +116,18 @@ def _attempt(
 
 
 def _order(stream: _Stream) -> list[str]:
-    """Return the containers for a stream, the likeliest first."""
+    """Return the containers to try for a stream, the likeliest first."""
     names = list(DEMUXERS)
-    if stream.time_base == _MILLISECOND:  # it comes from a Matroska file, or the like
+    if stream.time_base == _MILLISECOND:  # as in Matroska files
         names.sort(key=lambda name: name != "matroska")
     return names
 
 
 def place(packet: av.Packet[_Stream], span: Span) -> bool:
-    """Return whether a packet is wanted; a subtitle that reaches out of the span is shortened."""
+    """Return whether a packet overlaps the span; a subtitle is clipped to the span."""
     pts = packet.dts if packet.pts is None else packet.pts
     if pts is None:
-        return True  # no container takes it, and that is what the caller then says
+        return True  # no container accepts it: the copy then fails
     base, duration = packet.time_base, packet.duration or 0
     if not span.overlaps(pts * base, (pts + duration) * base):
         return False
@@ -137,19 +139,19 @@ def place(packet: av.Packet[_Stream], span: Span) -> bool:
 
 
 class _TrialCopy:
-    """One stream on its way into a container in a temporary file."""
+    """Trial copy of one stream into a container in a temporary file."""
 
     def __init__(self, stream: _Stream, container: str, file: BinaryIO) -> None:
         """Open a `container` for packets of `stream` in `file`.
 
         Raises:
-            FFmpegError, ValueError: it does not take the codec.
+            FFmpegError, ValueError: The container does not support the codec.
         """
         self._kind, self._codec = stream.type, stream.codec_context.name
         self._tags = stream_tags(stream)
         self._demuxer = DEMUXERS[container]
         self._file = file
-        options = {"fflags": "+bitexact"}  # the same stream, the same bytes
+        options = {"fflags": "+bitexact"}  # reproducible bytes
         if container == "matroska":
             options["avoid_negative_ts"] = "disabled"
         if container in ("mp4", "mov") and stream.time_base is not None:
@@ -162,17 +164,17 @@ class _TrialCopy:
 
     @property
     def exact(self) -> bool:
-        """Whether the container gave everything back as it was."""
+        """Whether the container returned all packets unchanged."""
         return not any(self.difference)
 
     def add(self, packet: av.Packet[_Stream]) -> None:
-        """Write a packet; raises what `av` does if it cannot be."""
+        """Write a packet; raises as `av` if the container rejects it."""
         self.packets.add(packet)
         packet.stream = self._stream
         self._output.mux(packet)
 
     def finish(self) -> bool:
-        """Close the container and compare what it holds; return whether it can be read."""
+        """Close the container, read it back and compare; return whether all packets came back."""
         if not self.packets:
             return True
         try:
@@ -190,7 +192,7 @@ class _TrialCopy:
         return len(found) == len(self.packets)
 
     def result(self) -> CopiedStream:
-        """Return the copy."""
+        """Return the copied stream; warn of differences from the source."""
         out_of_step, changed, _, _ = self.difference
         if out_of_step:
             _log.warning("a stream of %s is kept out of step with the picture", self._codec)
@@ -201,22 +203,22 @@ class _TrialCopy:
 
 
 class _Packets:
-    """What of each packet must come back, in a few bytes, for there may be many."""
+    """Hashes and times of the packets of a stream, a few bytes a packet."""
 
     def __init__(self, base: Fraction) -> None:
-        """Start with none; `base` is seconds a tick."""
+        """Start empty; `base` is seconds a tick."""
         self.base = base
-        self.data = array("q")  #: hash of its bytes
-        self.extras = array("q")  #: hash of what goes with them, such as samples to skip
+        self.data = array("q")  #: hash of a packet's bytes
+        self.extras = array("q")  #: hash of a packet's side data, such as samples to skip
         self.start = array("q")  #: ticks
         self.duration = array("q")  #: ticks
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of packets."""
         return len(self.data)
 
     def add(self, packet: av.Packet[Any]) -> None:
-        """Take note of a packet."""
+        """Add a packet."""
         content = bytes(packet)
         if content == _NO_LINE and packet.stream.codec_context.name == "mov_text":
             return
@@ -228,9 +230,9 @@ class _Packets:
 
 
 def _difference(kind: str, old: _Packets, new: _Packets) -> _Difference:
-    """Return what a container changed: the worst first, so that differences can be compared.
+    """Return the difference between two copies of a stream, the gravest part first.
 
-    The duration of a packet counts for subtitles only: sound knows by itself how long it lasts.
+    Durations count for subtitles only: the duration of audio follows from its samples.
     """
     fine = Fraction(1, lcm(old.base.denominator, new.base.denominator))
     old_scale, new_scale = int(old.base / fine), int(new.base / fine)

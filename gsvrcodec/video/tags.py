@@ -1,4 +1,4 @@
-"""Titles, languages and chapters: from a source, and into an output."""
+"""Titles, languages and chapters: read from a source, written to an output."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from av.video.stream import VideoStream
 from gsvrcodec.bitstream.tags import Chapter, StreamTags, Tags
 from gsvrcodec.video.timing import Span
 
-#: What is true of the source's container only, and what every muxer writes anew.
+#: Tags that describe the source's container, or that every muxer writes itself.
 _CONTAINER_TAGS = frozenset(
     {"major_brand", "minor_version", "compatible_brands", "encoder", "vendor_id", "duration"}
 )
 
-#: Statistics that Matroska files carry of their streams.
+#: Prefixes of statistics tags in Matroska files.
 _STATISTICS = ("bps", "number_of_", "_statistics_", "duration-")
 
-#: Chapters are written in nanoseconds, as Matroska counts.
+#: Tick of written chapters, as in Matroska, seconds.
 _NANOSECOND = Fraction(1, 10**9)
 
 
 def source_tags(container: InputContainer, video: VideoStream, span: Span) -> Tags:
-    """Return what a source says about itself, chapters within `span` only."""
+    """Return the tags of a source, with chapters clipped to `span`."""
     return Tags(
         film=_meaningful(container.metadata),
         video=stream_tags(video),
@@ -44,15 +44,15 @@ def source_tags(container: InputContainer, video: VideoStream, span: Span) -> Ta
 
 
 def stream_tags(stream: Stream) -> StreamTags:
-    """Return what a source says about one of its streams."""
+    """Return the tags of one stream of a source."""
     tags = _meaningful(stream.metadata)
-    if "name" in tags:  # what MP4 calls it
+    if "name" in tags:  # MP4's name of the title
         tags.setdefault("title", tags.pop("name"))
     return StreamTags(tags, int(stream.disposition))
 
 
 def write_tags(tags: Tags, container: OutputContainer, video: VideoStream, span: Span) -> None:
-    """Put tags into an output, before its first packet; chapters within `span` only."""
+    """Write tags to an output, before its first packet, with chapters clipped to `span`."""
     container.metadata.update(tags.film)
     write_stream_tags(tags.video, video)
     container.set_chapters(
@@ -70,13 +70,13 @@ def write_tags(tags: Tags, container: OutputContainer, video: VideoStream, span:
 
 
 def write_stream_tags(tags: StreamTags, stream: Stream) -> None:
-    """Put tags into a stream of an output, before its first packet."""
+    """Write tags to a stream of an output, before its first packet."""
     stream.metadata.update(tags.tags)
     stream.disposition = Disposition(tags.disposition)
 
 
 def _meaningful(tags: Mapping[str, str]) -> dict[str, str]:
-    """Return the tags that say something about the content."""
+    """Return the tags that describe the content, not the container."""
     return {
         key: value
         for key, value in tags.items()
@@ -85,7 +85,7 @@ def _meaningful(tags: Mapping[str, str]) -> dict[str, str]:
 
 
 def _within(chapters: tuple[Chapter, ...], span: Span) -> tuple[Chapter, ...]:
-    """Return the parts of the chapters that lie in `span`."""
+    """Return the chapters that overlap `span`, clipped to it."""
     return tuple(
         Chapter(*span.clipped(part.start, part.stop), part.tags)
         for part in chapters

@@ -1,4 +1,4 @@
-"""Timestamps of the source, made fit for use: present, and strictly increasing."""
+"""Timestamps of the source: choice of a part, and repair to strictly increasing times."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from gsvrcodec.errors import UsageError
 
 _log = logging.getLogger(__name__)
 
-#: Ticks that a time in seconds may be away from the timestamp it was computed from.
+#: Tolerance of a time in seconds against the timestamp that it stands for, ticks.
 _TICK_TOLERANCE = Fraction(1, 10**6)
 
-#: Assumed where a stream says nothing about its rate, frames a second.
+#: Frame rate of a stream without one, frames a second.
 DEFAULT_RATE = Fraction(25)
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The part of a film that is kept, on the clock of its timestamps; half-open."""
+    """A part of a film by time, on the clock of its timestamps; half-open."""
 
-    start: Fraction | None = None  #: seconds; None = from wherever it starts
-    stop: Fraction | None = None  #: seconds; None = to wherever it ends
+    start: Fraction | None = None  #: seconds; None = the start of the film
+    stop: Fraction | None = None  #: seconds; None = the end of the film
 
     def overlaps(self, start: Fraction, stop: Fraction) -> bool:
-        """Return whether a part of `start` up to `stop` is kept, or `start` if they are equal."""
+        """Return whether `start` up to `stop` overlaps the span; an instant if they are equal."""
         if self.stop is not None and start >= self.stop:
             return False
         return self.start is None or stop > self.start or start >= self.start
 
     def clipped(self, start: Fraction, stop: Fraction) -> tuple[Fraction, Fraction]:
-        """Return the part of `start` up to `stop` that is kept."""
+        """Return `start` and `stop` clipped to the span."""
         return (
             start if self.start is None else max(start, self.start),
             stop if self.stop is None else min(stop, self.stop),
@@ -41,18 +41,18 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The frames that are wanted, by number or by time; half-open."""
+    """A range of frames, by number or by time; half-open."""
 
-    start_frame: int = 0  #: the first, from 0
-    frames: int | None = None  #: how many; None = to the end
+    start_frame: int = 0  #: first frame, from 0
+    frames: int | None = None  #: number of frames; None = to the end
     start_seconds: float | Fraction | None = None  #: instead of `start_frame`
     stop_seconds: float | Fraction | None = None  #: instead of `frames`
 
     def __post_init__(self) -> None:
-        """Check that there can be such frames.
+        """Check that the range is valid.
 
         Raises:
-            UsageError: naming the arguments.
+            UsageError: The range is invalid.
         """
         if self.start_frame < 0:
             raise UsageError(f"the first frame must be 0 or more, not {self.start_frame}")
@@ -76,34 +76,34 @@ class Part:
             )
 
     def starts(self, number: int, pts: int, time_base: Fraction) -> bool:
-        """Return whether frame `number`, shown at `pts`, is the first or comes after it."""
+        """Return whether frame `number`, shown at `pts`, is not before the start of the range."""
         if self.start_seconds is None:
             return number >= self.start_frame
         return pts >= _ticks(self.start_seconds, time_base)
 
     def ends(self, given: int, pts: int, time_base: Fraction) -> bool:
-        """Return whether the frame at `pts`, after `given` wanted ones, is wanted no more."""
+        """Return whether the range ends before the frame at `pts`, after `given` of its frames."""
         if self.stop_seconds is not None:
             return pts >= _ticks(self.stop_seconds, time_base)
         return given == self.frames
 
 
 def _ticks(seconds: float | Fraction, time_base: Fraction) -> Fraction:
-    """Return a time in ticks; a whole number if it is all but one, as a float can only be."""
+    """Return a time in ticks; within `_TICK_TOLERANCE` of a whole number it is rounded."""
     ticks = Fraction(seconds) / time_base
     whole = round(ticks)
     return Fraction(whole) if abs(ticks - whole) <= _TICK_TOLERANCE else ticks
 
 
 class Timeline:
-    """Places one frame after another; repairs what is missing or runs backwards.
+    """Assigns timestamps to successive frames; repairs missing and non-increasing ones.
 
-    A frame without a timestamp, or not later than the one before it, starts where the previous
-    one ends by its stated duration, or else by the nominal frame duration.
+    A frame without a timestamp, or with one not after the previous frame's, starts at the end of
+    the previous frame: after its duration, or after the nominal frame duration if not known.
     """
 
     def __init__(self, name: str, time_base: Fraction, rate: Fraction | None) -> None:
-        """Start a stream called `name` in messages; `rate` in frames a second, None = unknown."""
+        """Start a stream; `name` is for messages, `rate` in frames a second, None = not known."""
         self._name = name
         self._rate = rate or DEFAULT_RATE
         self._nominal = max(1, round(1 / (self._rate * time_base)))
@@ -114,7 +114,7 @@ class Timeline:
         self._warned = False
 
     def place(self, pts: int | None, duration: int | None) -> int:
-        """Return the timestamp of the next frame, in ticks; `duration` in ticks, 0 = unknown."""
+        """Return the timestamp of the next frame, ticks; `duration` in ticks, 0 = not known."""
         if pts is None or (self._pts is not None and pts <= self._pts):
             self._warn("no timestamp" if pts is None else "a timestamp out of order")
             pts = 0 if self._pts is None else self._pts + self._duration
@@ -125,17 +125,17 @@ class Timeline:
 
     @property
     def length(self) -> Fraction:
-        """How long the frames placed so far are shown together, seconds."""
+        """Duration from the first frame to the end of the last, seconds."""
         if self._pts is None or self._first is None:
             return Fraction(0)
         return (self._pts + self._duration - self._first) * self._base
 
     def last_duration(self) -> int:
-        """Return how long the frame placed last is shown, in ticks."""
+        """Return the duration of the last frame, ticks."""
         return self._duration
 
     def _warn(self, what: str) -> None:
-        """Say once that timestamps are repaired."""
+        """Warn once that timestamps are repaired."""
         if not self._warned:
             rate = f"{float(self._rate):.5g}"
             _log.warning("%s: %s; placed by frame duration (%s a second)", self._name, what, rate)

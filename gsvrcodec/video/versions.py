@@ -1,4 +1,4 @@
-"""Version of the FFmpeg that is used."""
+"""Version of PyAV's FFmpeg."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from av import ffmpeg_version_info, library_versions
 
 
 def ffmpeg_version() -> str:
-    """Return the version that FFmpeg gives itself, and that of its codec library."""
+    """Return the version of FFmpeg and of its codec library."""
     codec = ".".join(map(str, library_versions["libavcodec"]))
     return f"{ffmpeg_version_info} (libavcodec {codec})"

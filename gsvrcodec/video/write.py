@@ -1,4 +1,4 @@
-"""Writing decoded frames: one small table of writers, chosen by file name or by `muxer`."""
+"""Writing of decoded frames: a table of writers, chosen by file name or by `muxer`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gsvrcodec.video.encoded import Ffv1Writer, Mp4Writer
 from gsvrcodec.video.output import OutputInfo
 from gsvrcodec.video.plain import Md5Writer, NullWriter, PngWriter, Y4mWriter, png_paths
 
-#: Stands for the standard output.
+#: Name of the standard output.
 STDOUT = "-"
 
 
 class Writer(Protocol):
-    """Takes frames in presentation order."""
+    """Writes frames in presentation order."""
 
     def write(self, rgb: AnyRgb, pts: int, duration: int) -> None:
         """Add a (H, W, 3) picture, shown at `pts` for `duration` ticks."""
@@ -31,10 +31,10 @@ class Writer(Protocol):
         """Finish the file."""
 
     def abort(self) -> None:
-        """Let go of the file without finishing it."""
+        """Close the file without finishing it."""
 
 
-#: Writers by name; each is called with the path to write, None = standard output.
+#: Writers by name; each takes the path to write, None = standard output.
 MUXERS: dict[str, Callable[[Path | None, OutputInfo], Writer]] = {
     "mp4": Mp4Writer,
     "mkv": Ffv1Writer,
@@ -44,13 +44,13 @@ MUXERS: dict[str, Callable[[Path | None, OutputInfo], Writer]] = {
     "null": NullWriter,
 }
 
-#: Writers that take sound, subtitles, titles and chapters beside the pictures.
+#: Writers that also take sound, subtitles, titles and chapters.
 WITH_STREAMS = frozenset({"mp4", "mkv"})
 
-#: Writers that take 10 bits wherever the source had them; for the others they must be asked for.
+#: Writers that default to 10 bits for sources of more than 8 bits.
 DEEP = frozenset({"mp4", "mkv", "y4m"})
 
-#: Writers that can do without a file.
+#: Writers that can write to the standard output.
 _STREAMED = frozenset({"y4m", "md5", "null"})
 
 
@@ -58,7 +58,7 @@ def muxer_of(path: str | os.PathLike[str] | None, muxer: str | None = None) -> s
     """Return the name of the writer for an output.
 
     Raises:
-        UsageError: nothing fits the name, or `muxer` needs a file and has none.
+        UsageError: No writer fits the name, or the writer needs a file.
     """
     name = STDOUT if path is None else os.fspath(path)
     if muxer is None:
@@ -81,19 +81,19 @@ def open_writer(
     overwrite: bool = False,
     source: str | os.PathLike[str] | None = None,
 ) -> Iterator[Writer]:
-    """Open an output for writing frames; it appears under its name when the block succeeds.
+    """Open an output for writing; the file appears under its name when the block succeeds.
 
     Args:
         path: .mp4 (H.264, or HEVC for 10 bits), .mkv (FFV1), .y4m or a numbered `name_%04d.png`;
             None or "-" = standard output.
-        info: what the pictures are.
-        muxer: one of `MUXERS`; None = by the suffix of `path`, y4m on standard output.
-        overwrite: replace files that exist.
-        source: the file decoded from, which the output may not be.
+        info: Properties of the pictures.
+        muxer: One of `MUXERS`; None = by the suffix of `path`, y4m on standard output.
+        overwrite: Replace existing files.
+        source: The decoded file, which must not be the output.
 
     Raises:
-        UsageError: the name and the muxer do not go together.
-        OutputError: the output exists or cannot be written.
+        UsageError: Name and muxer do not fit together.
+        OutputError: The output exists or cannot be written.
     """
     muxer = muxer_of(path, muxer)
     create = MUXERS[muxer]
