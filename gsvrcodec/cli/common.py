@@ -1,4 +1,4 @@
-"""What the four commands share: errors in one line, exit codes, messages, options."""
+"""Shared by the four commands: errors in one line, exit codes, messages, options."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EXIT_PARTIAL = 5
 EXIT_MISMATCH = 6
 EXIT_INTERRUPTED = 130
 
-#: Set to anything to see where an unexpected error comes from.
+#: Environment variable that shows the traceback of an unexpected error.
 DEBUG = "GSVR_DEBUG"
 
 #: An argument in a message of the library: `name` or `name=value`, and no part of a file's name.
@@ -32,7 +32,7 @@ _ARGUMENT = re.compile(r"(?<![^\s(])`([a-z]\w*)(?:='?([^`']*)'?)?`(?![^\s,;:)])"
 
 
 class _FileError(click.ClickException):
-    """An error with the name of the file it was found in."""
+    """An error with the name of the file that caused it."""
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
@@ -43,8 +43,8 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
     """Run a command; print every failure as one line and return the exit code.
 
     Args:
-        command: what to run; it returns its exit code, None = 0.
-        args: its arguments; None = those of the process.
+        command: The command; its return value is the exit code, None = 0.
+        args: Arguments of the command; None = those of the process.
     """
     with _warnings_on_stderr(command), _second_interrupt_at_once():
         try:
@@ -52,27 +52,27 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
             sys.stdout.flush()
             return code or 0
         except GsvrError as error:
-            return _failed(command, _told(str(error), error), error.exit_code)
+            return _failed(command, _with_notes(str(error), error), error.exit_code)
         except _FileError as error:
             return _failed(command, error.message, error.status)
         except click.ClickException as error:
             return _failed(command, error.format_message(), error.exit_code)
         except (click.Abort, KeyboardInterrupt) as error:
             # click turns an interrupt into an Abort, and keeps it as the cause.
-            message = _told("interrupted", error.__cause__ or error)
+            message = _with_notes("interrupted", error.__cause__ or error)
             return _failed(command, message, EXIT_INTERRUPTED)
         except BrokenPipeError:
-            # The reader has gone: nobody to tell, and nothing more to flush.
+            # The reader of the pipe has gone: no message, and nothing to flush at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_FAILURE
         except MemoryError as error:
-            return _failed(command, _told("out of memory", error), EXIT_FAILURE)
+            return _failed(command, _with_notes("out of memory", error), EXIT_FAILURE)
         except Exception as error:
             if DEBUG in os.environ:
                 raise
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             hint = "" if isinstance(error, OSError) else f" (set {DEBUG}=1 to see where)"
-            return _failed(command, _told(f"{what}{hint}", error), EXIT_FAILURE)
+            return _failed(command, _with_notes(f"{what}{hint}", error), EXIT_FAILURE)
 
 
 def as_options(message: str, parameters: Sequence[click.Parameter]) -> str:
@@ -103,7 +103,7 @@ def as_options(message: str, parameters: Sequence[click.Parameter]) -> str:
 
 @contextmanager
 def about(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Put the name of the file before what is wrong with it."""
+    """Add the name of the file to a `CorruptError` or `UnsupportedError` of the block."""
     try:
         yield
     except (CorruptError, UnsupportedError) as error:
@@ -111,7 +111,7 @@ def about(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def may_overwrite(path: str | None, overwrite: bool) -> bool:
-    """Return `overwrite`, or what the person at the terminal says if the file exists."""
+    """Return `overwrite`; for an existing file on a terminal, ask the user."""
     if overwrite or path in (None, "-") or not Path(str(path)).is_file():
         return overwrite
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
@@ -131,7 +131,7 @@ def write_text(path: str, text: str, *, overwrite: bool) -> None:
 
 
 def show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    """Print the versions of the package and of what it works with, and leave."""
+    """Print the versions of the package and of its libraries, and exit."""
     if not wanted or ctx.resilient_parsing:
         return
     from gsvrcodec.versions import versions
@@ -147,10 +147,10 @@ version_option = click.option(
     expose_value=False,
     is_eager=True,
     callback=show_version,
-    help="Show the versions of all that matters and exit.",
+    help="Show the versions of the package and of its libraries, and exit.",
 )
 overwrite_option = click.option(
-    "-y", "overwrite", is_flag=True, help="Overwrite an output that exists."
+    "-y", "overwrite", is_flag=True, help="Overwrite an existing output."
 )
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print errors and warnings only.")
 threads_option = click.option(
@@ -166,18 +166,18 @@ device_option = click.option(
     default="auto",
     metavar="NAME",
     show_default=True,
-    help="cpu, cuda, cuda:N, or auto: the first GPU that is usable.",
+    help="Device: cpu, cuda, cuda:N, or auto = the first usable GPU, else the CPU.",
 )
 
 
-def _told(message: str, error: BaseException) -> str:
-    """Return a message with the notes of an error, such as how to go on."""
+def _with_notes(message: str, error: BaseException) -> str:
+    """Return a message with the notes of an error, such as how to resume."""
     return "; ".join([message, *getattr(error, "__notes__", ())])
 
 
 @contextmanager
 def _second_interrupt_at_once() -> Iterator[None]:
-    """Let the first Ctrl-C end the command in good order, and the second one at once."""
+    """Make the first Ctrl-C stop the command cleanly, and the second one at once."""
     usual = signal.default_int_handler
     in_main = threading.current_thread() is threading.main_thread()
     if not in_main or signal.getsignal(signal.SIGINT) is not usual:
@@ -218,7 +218,7 @@ def _warnings_on_stderr(command: click.Command) -> Iterator[None]:
 
 
 def _lower_level(record: logging.LogRecord) -> bool:
-    """Write "warning" like the rest of the line, in small letters."""
+    """Write the level in lower case, as in "warning"."""
     record.levelname = record.levelname.lower()
     return True
 
@@ -235,7 +235,7 @@ class _WithOptions(logging.Formatter):
 
 
 class _Once(logging.Filter):
-    """Let each message through once: the encoder reads its source twice."""
+    """Pass each message once: the encoder reads its source several times."""
 
     def __init__(self) -> None:
         super().__init__()

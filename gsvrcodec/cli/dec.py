@@ -1,4 +1,4 @@
-"""gsvrdec: a .gsvr file in, a video out."""
+"""gsvrdec: decode a .gsvr file to a video."""
 
 from __future__ import annotations
 
@@ -58,28 +58,28 @@ def main(args: Sequence[str] | None = None) -> int:
     "--frames",
     type=click.IntRange(min=1),
     metavar="N",
-    help="How many of its frames; to the end without it.",
+    help="Number of frames to write; by default to the end.",
 )
 @click.option(
     "--ss",
     "start_seconds",
     type=seconds,
     metavar="TIME",
-    help="Write what starts at this time or later: seconds, or [HH:]MM:SS, on the clock of the "
-    "video's timestamps.",
+    help="Write frames that start at this time or later: seconds, or [HH:]MM:SS, on the clock of "
+    "the video's timestamps.",
 )
 @click.option(
     "--to",
     "stop_seconds",
     type=seconds,
     metavar="TIME",
-    help="Write what starts before this time.",
+    help="Write frames that start before this time.",
 )
 @click.option(
     "--fps",
     type=rate,
     metavar="RATE",
-    help="Pictures a second at a constant rate, such as 60 or 60000/1001, rendered between frames.",
+    help="Constant frame rate, such as 60 or 60000/1001; frames are rendered at their own times.",
 )
 @click.option(
     "--speed",
@@ -87,35 +87,37 @@ def main(args: Sequence[str] | None = None) -> int:
     default="1",
     show_default=True,
     metavar="FACTOR",
-    help="0.25 = slow motion, four times as long; keeps the mean frame rate without --fps.",
+    help="0.25 = slow motion, four times as long; without --fps at the mean frame rate.",
 )
 @click.option(
     "--size",
     type=size,
     metavar="WxH",
-    help="Render at this size in pixels; a side of -1 keeps the shape, -2 also makes it even.",
+    help="Render at this size, pixels; a side of -1 keeps the aspect ratio, -2 also makes it even.",
 )
-@click.option("--scale", type=float, metavar="FACTOR", help="Render at so many times the size.")
+@click.option(
+    "--scale", type=float, metavar="FACTOR", help="Render at this multiple of the coded size."
+)
 @click.option(
     "--layers",
     type=click.Choice(get_args(Layers)),
     default="all",
     show_default=True,
-    help="Draw only the Gaussians that move otherwise than most, or only the others.",
+    help="Draw only Gaussians that move against the median motion (dynamic), or all others.",
 )
 @click.option(
     "--bit-depth",
     type=click.Choice(["auto", "8", "10"]),
     default="auto",
     show_default=True,
-    help="Bits of a sample; auto = 10 in .mp4 (then HEVC), .mkv and .y4m if the source had more "
+    help="Bits a sample; auto = 10 in .mp4 (then HEVC), .mkv and .y4m if the source had more "
     "than 8.",
 )
 @overwrite_option
 @click.option(
     "--muxer",
     type=click.Choice(_MUXERS),
-    help="Format of the output, instead of by its name; md5 prints the sum of all RGB bytes, "
+    help="Format of the output; by default from its name. md5 prints the MD5 of all RGB bytes, "
     "null writes nothing.",
 )
 @click.option(
@@ -137,7 +139,7 @@ def main(args: Sequence[str] | None = None) -> int:
 @click.option(
     "--keep-going",
     is_flag=True,
-    help=f"Decode what is left of a damaged file; returns {EXIT_PARTIAL} if something is lost.",
+    help=f"Decode the intact part of a damaged file; exit code {EXIT_PARTIAL} if frames are lost.",
 )
 @threads_option
 @device_option
@@ -165,7 +167,7 @@ def command(
     threads: int,
     device: str,
 ) -> int:
-    """Decode a .gsvr file to a video: its own frames at their own times, or new ones.
+    """Decode a .gsvr file to a video: the stored frames, or frames at another rate and size.
 
     OUTPUT is .mp4 (H.264, or HEVC for 10 bits; near-lossless), .mkv (FFV1, lossless), .y4m, a
     numbered picture such as out_%04d.png, or - for Y4M on the standard output.

@@ -1,4 +1,4 @@
-"""gsvrenc: any video in, a .gsvr file out."""
+"""gsvrenc: encode a video as a .gsvr file."""
 
 from __future__ import annotations
 
@@ -61,17 +61,17 @@ def main(args: Sequence[str] | None = None) -> int:
     "--params",
     type=count,
     metavar="N",
-    help="Numbers to store in the whole file, such as 3M; sets the size.",
+    help="Parameters in the whole file, such as 3M; sets the size.",
 )
 @click.option("--gaussians", type=count, metavar="N", help="Gaussians in each GOP.")
 @click.option(
-    "--bpp", type=float, metavar="BITS", help="Bits a pixel and frame, copied streams left out."
+    "--bpp", type=float, metavar="BITS", help="Bits a pixel and frame, without copied streams."
 )
 @click.option(
     "--bitrate",
     type=count,
     metavar="BITS",
-    help="Bits a second, such as 1.5M, copied streams left out.",
+    help="Bits a second, such as 1.5M, without copied streams.",
 )
 @click.option(
     "--target-size",
@@ -86,21 +86,21 @@ def main(args: Sequence[str] | None = None) -> int:
     "--preset",
     type=click.Choice(get_args(Preset)),
     default=_DEFAULTS.preset,
-    help="How long to optimise.",
+    help="Optimisation effort.",
 )
 @click.option(
     "--time-budget",
     type=float,
     metavar="SECONDS",
-    help="Seconds a frame for the whole encode, instead of a preset.",
+    help="Wall time of the whole encode, seconds a frame; instead of a preset.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(min=0),
     default=_DEFAULTS.workers,
     metavar="N",
-    help="GOPs to encode side by side, each in a process; they share the threads. 0 = as many as "
-    "pay. Does not change the file.",
+    help="Worker processes, each encoding one GOP at a time; they share the threads. 0 = chosen by "
+    "length of the encode. Does not change the file.",
 )
 @threads_option
 @device_option
@@ -108,7 +108,7 @@ def main(args: Sequence[str] | None = None) -> int:
     "--crop",
     type=crop,
     metavar="W:H[:X:Y]",
-    help="Code a part of the picture; centred without a position.",
+    help="Encode a part of the picture; by default centred.",
 )
 @click.option(
     "--start-frame",
@@ -118,34 +118,37 @@ def main(args: Sequence[str] | None = None) -> int:
     help="First frame to encode, from 0.",
 )
 @click.option(
-    "--frames", type=click.IntRange(min=1), metavar="N", help="How many frames; all without it."
+    "--frames",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Number of frames to encode; by default to the end.",
 )
 @click.option(
     "--ss",
     "start_seconds",
     type=seconds,
     metavar="TIME",
-    help="Encode what starts at this time or later, such as 90.5 or 1:30.5.",
+    help="Encode frames that start at this time or later, such as 90.5 or 1:30.5.",
 )
 @click.option(
     "--to",
     "stop_seconds",
     type=seconds,
     metavar="TIME",
-    help="Encode what starts before this time.",
+    help="Encode frames that start before this time.",
 )
 @click.option(
     "--rate",
     type=rate,
     metavar="R",
-    help="Frames a second of numbered pictures and raw streams, such as 30 or 30000/1001.",
+    help="Frame rate of numbered pictures and raw streams, such as 30 or 30000/1001.",
 )
 @click.option(
     "--bake-rotation",
     is_flag=True,
-    help="Turn and mirror the pictures as a player would, instead of a note to the player.",
+    help="Turn and mirror the pictures; by default the file tells the player to.",
 )
-@click.option("--deinterlace", is_flag=True, help="Make whole pictures of interlaced ones.")
+@click.option("--deinterlace", is_flag=True, help="Deinterlace an interlaced source.")
 @click.option("--audio/--no-audio", default=_DEFAULTS.audio, help="Copy the source's sound.")
 @click.option(
     "--subtitles/--no-subtitles",
@@ -157,7 +160,7 @@ def main(args: Sequence[str] | None = None) -> int:
     type=gop_length,
     default=str(_DEFAULTS.gop),
     metavar="adaptive|N",
-    help="Cut by motion, or every N frames.",
+    help="GOP length by motion, or N frames; a cut always starts a GOP.",
 )
 @click.option(
     "--gop-min",
@@ -171,18 +174,18 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=1),
     default=_DEFAULTS.gop_max,
     metavar="N",
-    help="Longest adaptive GOP, frames; by default 32, and up to 128 for small files.",
+    help="Longest adaptive GOP, frames; by default 32, up to 128 at low rates.",
 )
 @click.option(
     "--backgrounds/--no-backgrounds",
     default=_DEFAULTS.backgrounds,
-    help="Store what stands still from GOP to GOP once.",
+    help="Store static content that several GOPs share once, as a background.",
 )
 @click.option(
     "--profile",
     type=click.Choice(get_args(Profile)),
     default=_DEFAULTS.profile,
-    help="Ours, or the publication as it stands.",
+    help="main, or paper = the method as published.",
 )
 @click.option(
     "--deform",
@@ -194,47 +197,47 @@ def main(args: Sequence[str] | None = None) -> int:
     "--flow",
     type=click.Choice(get_args(Flow)),
     default=_DEFAULTS.flow,
-    help="Optical flow for slicing and the start; raft needs torchvision.",
+    help="Optical flow for GOP lengths and initial motion; raft needs torchvision.",
 )
 @click.option(
     "--qat/--no-qat",
     default=_DEFAULTS.qat,
-    help="Fine-tune under the quantisation to come.",
+    help="Fine-tune for quantisation: attributes are rounded in turn (staged quantisation).",
 )
 @click.option(
     "--pack",
     type=click.Choice(get_args(Pack)),
     default=_DEFAULTS.pack,
-    help="Codec of the parameter planes; auto = the smallest for each.",
+    help="Codecs of the parameter planes; auto = the smallest for each plane.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=_DEFAULTS.seed,
     metavar="N",
-    help="Of every random choice; one seed, one file.",
+    help="Seed of all random choices; the same seed gives the same file.",
 )
 @overwrite_option
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with an interrupted encode, if there is one; with the same options the file will "
-    "be the same.",
+    help="Resume an interrupted encode from its checkpoint, if there is one; the file is the same "
+    "as without interruption.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Decode the file and compare it with the source before it gets its name; returns "
+    help="Decode the finished file and compare it with the source; exit code "
     f"{EXIT_MISMATCH} if they differ.",
 )
 @click.option(
-    "--stats", metavar="FILE", help="Write what each GOP came to as JSON; - = standard output."
+    "--stats", metavar="FILE", help="Write statistics of each GOP as JSON; - = standard output."
 )
 @click.option(
     "--progress",
     type=click.Choice(["auto", "json", "none"]),
     default="auto",
-    help="A bar on a terminal and lines elsewhere, JSON on the standard output, or nothing.",
+    help="auto = a bar on a terminal, else lines; json = JSON lines on the standard output.",
 )
 @quiet_option
 @version_option
@@ -251,9 +254,9 @@ def command(
 ) -> None:
     """Encode a video as a .gsvr file.
 
-    INPUT is anything that FFmpeg reads, numbered pictures such as in_%04d.png, or - for what comes
-    through a pipe. OUTPUT.gsvr appears when it is whole; - is the standard
-    output. Until then finished GOPs are kept in OUTPUT.gsvr.part, for --resume.
+    INPUT is any file that FFmpeg reads, numbered pictures such as in_%04d.png, or - for the
+    standard input. OUTPUT.gsvr appears when it is complete; - is the standard output. Until then
+    finished GOPs are in the checkpoint OUTPUT.gsvr.part, for --resume.
 
     \b
     gsvrenc in.mp4 out.gsvr
@@ -269,13 +272,13 @@ def command(
 
     if [target, stats, "-" if progress == "json" else None].count("-") > 1:
         raise click.UsageError("only one thing can go to the standard output")
-    # All that can be refused is refused before torch is loaded, which takes seconds.
+    # Options and paths are checked before torch is loaded, which takes seconds.
     for name in ("start_seconds", "stop_seconds", "rate"):
         settings[name] = None if settings[name] is None else float(settings[name])
     chosen = EncodeSettings(**settings)
     if not is_pipe(source) and "%" not in source:
         check_input(source)
-    if resume or not Path(f"{target}.part").exists():  # -y alone may throw finished GOPs away
+    if resume or not Path(f"{target}.part").exists():  # else -y alone discards it
         overwrite = may_overwrite(target, overwrite)
     check_output(target, overwrite=overwrite, source=source)
     overwrite_stats = may_overwrite(stats, overwrite)

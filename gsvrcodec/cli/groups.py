@@ -1,4 +1,4 @@
-"""--help with the options under headings."""
+"""Output of --help with the options under headings."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ class GroupedCommand(click.Command):
     """A command that lists its options under headings."""
 
     def __init__(self, *args: Any, groups: Mapping[str, Sequence[str]], **kwargs: Any) -> None:
-        """Take the headings, in order, and the names of the parameters below each.
+        """Set `groups`: headings in order, with the names of the parameters below each.
 
-        Options that no heading names come under the last one.
+        Options without a group come under the last heading.
         """
         super().__init__(*args, **kwargs)
         self._groups = groups
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one list of options a heading, each in the order of the command."""
+        """Write the options under their headings, in the order of the command."""
         headings = {name: heading for heading, names in self._groups.items() for name in names}
         last = list(self._groups)[-1]
         rows: dict[str, list[tuple[str, str]]] = {heading: [] for heading in self._groups}

@@ -1,4 +1,4 @@
-"""gsvrinfo: what is in a .gsvr file."""
+"""gsvrinfo: show and verify the content of a .gsvr file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gsvrcodec.report.inspect import FileInfo
     from gsvrcodec.report.spending import Item
 
-#: Names of the CICP matrices that are common, the others are shown as numbers.
+#: Names of common CICP matrices; other matrices are shown as numbers.
 _MATRICES = {0: "RGB", 1: "BT.709", 2: "untagged", 5: "BT.601", 6: "BT.601", 9: "BT.2020"}
 
 
@@ -40,22 +40,22 @@ def main(args: Sequence[str] | None = None) -> int:
     metavar="[FILE]",
     is_flag=False,
     flag_value="-",
-    help="Write everything as a JSON object; - or nothing = standard output.",
+    help="Write all properties as a JSON object; - or no FILE = standard output.",
 )
 @click.option("--gops", is_flag=True, help="List every GOP.")
-@click.option("--bits", is_flag=True, help="List what the bytes are spent on, by attribute.")
+@click.option("--bits", is_flag=True, help="List the bytes by purpose and attribute.")
 @click.option(
     "--verify",
     is_flag=True,
-    help=f"Check every checksum and decode every plane; returns {EXIT_CORRUPT} if the file is "
-    f"damaged, {EXIT_MISMATCH} if it contradicts itself.",
+    help=f"Check every checksum and decode every plane; exit code {EXIT_CORRUPT} if the file is "
+    f"damaged, {EXIT_MISMATCH} if its header and content differ.",
 )
 @overwrite_option
 @version_option
 def command(
     source: str, json_path: str | None, gops: bool, bits: bool, verify: bool, overwrite: bool
 ) -> int:
-    """Show what is in a .gsvr file.
+    """Show the content of a .gsvr file.
 
     \b
     gsvrinfo out.gsvr
@@ -83,14 +83,14 @@ def command(
 
 
 def _warned(info: FileInfo) -> int:
-    """Print what is wrong with a file that can be read."""
+    """Print the warnings of a readable file; return exit code 0."""
     for warning in info.warnings:
         click.echo(f"gsvrinfo: warning: {warning}", err=True)
     return 0
 
 
 def _verified(source: str, info: FileInfo) -> int:
-    """Check the whole file, print every fault and return the exit code."""
+    """Verify the whole file, print every fault and return the exit code."""
     from gsvrcodec.report.inspect import verify
 
     faults = 0
@@ -109,7 +109,7 @@ def _verified(source: str, info: FileInfo) -> int:
 
 
 def _lines(info: FileInfo) -> Iterator[str]:
-    """Yield the facts, one a line, at most 80 columns wide."""
+    """Yield the properties of the file, at most 80 columns wide."""
     meta, colour = info.metadata, info.metadata.colour
     matrix = _MATRICES.get(colour.matrix, f"matrix {colour.matrix}")
     levels = "full" if colour.full_range else "limited"
@@ -136,8 +136,8 @@ def _lines(info: FileInfo) -> Iterator[str]:
         "size": size,
     }
     if info.backgrounds:
-        still = sum(background.gaussians for background in info.backgrounds)
-        rows["backgrounds"] = f"{len(info.backgrounds):,}, of {still:,} Gaussians that stand still"
+        static = sum(background.gaussians for background in info.backgrounds)
+        rows["backgrounds"] = f"{len(info.backgrounds):,}, with {static:,} static Gaussians"
     settings = [f"{key} {value}" for key, value in meta.settings.items() if value is not None]
     if settings:
         rows["settings"] = ", ".join(settings)
@@ -146,7 +146,7 @@ def _lines(info: FileInfo) -> Iterator[str]:
 
 
 def _wrapped(label: str, text: str) -> Iterator[str]:
-    """Yield a row of a label and its text, continued below the text."""
+    """Yield a label and its text, wrapped, with continuation lines below the text."""
     from textwrap import wrap
 
     printable = "".join(letter if letter.isprintable() else "?" for letter in text)
@@ -169,7 +169,7 @@ def _gop_lines(info: FileInfo) -> Iterator[str]:
 
 
 def _item_lines(items: Sequence[Item]) -> Iterator[str]:
-    """Yield a table of what the bytes are spent on."""
+    """Yield a table of the bytes by purpose."""
     total = sum(item.bytes for item in items)
     yield ""
     yield "spent on          bytes   share  bits a Gaussian  codecs"

@@ -1,4 +1,4 @@
-"""How far a command has come: a bar on a terminal, plain lines elsewhere; always on stderr."""
+"""Progress of a command: a bar on a terminal, plain lines elsewhere; on stderr."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
     from gsvrcodec.encoder.progress import Progress
 
-#: Between two plain lines of a quick command, seconds.
+#: Least interval of the plain lines of `FrameDisplay`, seconds.
 _LINE_INTERVAL = 10.0
 
 
 class _Display:
-    """A bar with a text beside it if stderr is a terminal."""
+    """A progress bar with a text beside it, if stderr is a terminal."""
 
     def __init__(self, *, quiet: bool = False) -> None:
         """Show nothing if `quiet`."""
@@ -49,19 +49,19 @@ class _Display:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the bar as it stands."""
+        """Stop the bar and leave it on the screen."""
         if self._bar is not None:
             self._bar.stop()
 
     def _show(self, done: int, total: int, text: str) -> bool:
-        """Move the bar; return whether a plain line is wanted instead."""
+        """Update the bar; return whether to print a plain line instead."""
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=total, description=text)
         return self._bar is None and not self._quiet
 
 
 class EncodeDisplay(_Display):
-    """GOP i/n, PSNR, seconds a frame and the time left, after every GOP."""
+    """GOPs done, PSNR, seconds a frame and remaining time, after every GOP."""
 
     def __call__(self, state: Progress) -> None:
         """Show the state of an encode."""
@@ -83,21 +83,21 @@ class EncodeDisplay(_Display):
 
 
 class EncodeJson:
-    """The same as JSON, one object a line on the standard output (spec/cli.md, "Progress")."""
+    """Progress of an encode as JSON lines on the standard output (spec/cli.md, "Progress")."""
 
     def __enter__(self) -> Self:
         """Return the display itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the lines as they stand."""
+        """Do nothing: there is no bar to stop."""
 
     def __call__(self, state: Progress) -> None:
         """Print the state of an encode."""
         self._print("progress", asdict(state))
 
     def done(self, result: dict[str, Any]) -> None:
-        """Print what the encode came to."""
+        """Print the result of the encode."""
         self._print("done", result)
 
     def _print(self, event: str, content: dict[str, Any]) -> None:
@@ -106,7 +106,7 @@ class EncodeJson:
 
 
 class FrameDisplay(_Display):
-    """Frames done, of all, and how many a second."""
+    """Frames done, number of all frames, and frames a second."""
 
     def __init__(self, *, quiet: bool = False) -> None:
         """Show nothing if `quiet`."""
@@ -114,7 +114,7 @@ class FrameDisplay(_Display):
         self._began = self._shown = time.perf_counter()
 
     def __call__(self, done: int, total: int) -> None:
-        """Show that `done` of `total` frames are done."""
+        """Show the number of frames done."""
         now = time.perf_counter()
         text = f"{done}/{total} frames  {done / max(now - self._began, 1e-9):.1f} frames/s"
         if self._show(done, total, text) and now - self._shown >= _LINE_INTERVAL:
@@ -122,7 +122,7 @@ class FrameDisplay(_Display):
             click.echo(text, err=True)
 
     def summary(self, frames: int) -> None:
-        """Print how long it took."""
+        """Print number of frames, wall time and frames a second."""
         if not self._quiet:
             seconds = max(time.perf_counter() - self._began, 1e-9)
             pace = f"{frames / seconds:.1f} frames/s"

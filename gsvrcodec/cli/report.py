@@ -1,4 +1,4 @@
-"""gsvrreport: what a .gsvr file costs and how close it comes to its source."""
+"""gsvrreport: rate and distortion of .gsvr files, against their source."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def main(args: Sequence[str] | None = None) -> int:
     type=references,
     default="",
     metavar="NAMES",
-    help="Encode the source with these too: x264, x265, svtav1, separated by commas; with "
-    ":key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=source behind a name.",
+    help="Also encode the source with x264, x265, svtav1, separated by commas; a name may be "
+    "followed by :key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=source.",
 )
 @click.option(
     "--json", "json_path", metavar="FILE", help="Write the report as JSON; - = standard output."
@@ -48,26 +48,26 @@ def main(args: Sequence[str] | None = None) -> int:
     "--csv",
     "csv_path",
     metavar="FILE",
-    help="Write one line a frame of the one file; - = standard output.",
+    help="Write one line a frame as CSV, for a single file; - = standard output.",
 )
 @click.option(
     "--plot",
     "plot_path",
     metavar="FILE",
-    help="Draw PSNR over frames, and over rate if there is more than one point, as .png, .svg "
+    help="Plot PSNR over frames, and over rate if there is more than one point, as .png, .svg "
     "or .pdf.",
 )
 @click.option(
     "--crop",
     type=crop_value,
     metavar="W:H[:X:Y]",
-    help="Part of the source that was coded, if the file does not say.",
+    help="Part of the source that was encoded, if the file does not record it.",
 )
 @click.option(
     "--start-frame",
     type=click.IntRange(min=0),
     metavar="N",
-    help="First frame of the source that was coded, if the file does not say.",
+    help="First frame of the source that was encoded, if the file does not record it.",
 )
 @overwrite_option
 @quiet_option
@@ -86,7 +86,7 @@ def command(
     quiet: bool,
     threads: int,
 ) -> None:
-    """Compare .gsvr files with the video they were made from, and with other encoders.
+    """Compare .gsvr files with their source video, and with other encoders.
 
     \b
     gsvrreport in.mp4 out.gsvr

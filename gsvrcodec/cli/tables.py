@@ -1,4 +1,4 @@
-"""What gsvrreport prints, at most 80 columns wide."""
+"""Output of gsvrreport, at most 80 columns wide."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WIDTH = 80
 
 
 def print_study(study: Study) -> None:
-    """Print the figures of one file as lines, those of several or of other encoders as tables."""
+    """Print the figures of one file as lines; of several files, or with references, as tables."""
     first = study.reports[0]
     size = f"{first.width}x{first.height}, {len(first.frames)} frames"
     if len(study.reports) == 1:
@@ -41,7 +41,7 @@ def print_study(study: Study) -> None:
 
 
 def _print_points(study: Study) -> None:
-    """Print a table of the files, and one of each reference's encodes."""
+    """Print a table of the files, and a table of each reference's encodes."""
     ours = zip(study.reports, study.decode_fps, strict=True)
     _print_table(
         "GSVR",
@@ -80,7 +80,7 @@ def _print_table(title: str, rows: Iterable[tuple[str, ...]]) -> None:
 
 
 def _print_comparison(study: Study, curve: Curve) -> None:
-    """Print what a reference needs for the same PSNR, and the mean difference in rate."""
+    """Print the rate of a reference at the PSNR of each file, and the BD-rate."""
     click.echo(f"against {curve.label}:")
     for report in study.reports:
         rate = curve.rate_curve.rate(report.psnr_rgb)
@@ -101,7 +101,7 @@ def _print_comparison(study: Study, curve: Curve) -> None:
 
 
 def _figures(bpp: float, quality: Quality | Report) -> list[str]:
-    """Return the cells of a row that rate and quality fill."""
+    """Return the cells of a row for rate and quality."""
     return [
         f"{bpp:.4f}",
         f"{quality.psnr_rgb:.2f}",
@@ -116,5 +116,5 @@ def _share(value: float | None) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return a file's name without what would steer the terminal."""
+    """Return text with every unprintable character replaced by "?"."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)

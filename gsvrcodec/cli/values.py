@@ -1,4 +1,4 @@
-"""Values of options as people write them."""
+"""Parsers of option values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FACTORS = {"k": 10**3, "m": 10**6, "g": 10**9}
 
 
 def count(text: str) -> int:
-    """Return the whole number that 250000, 250k, 3M or 1.5M stands for."""
+    """Parse a whole number such as 250000, 250k, 3M or 1.5M."""
     digits, factor = text, _FACTORS.get(text[-1:].lower())
     try:
         if factor is None:
@@ -36,7 +36,7 @@ def count(text: str) -> int:
 
 
 def file_size(text: str) -> int:
-    """Return the bytes that 700000, 700k, 1.5MB, 10M or 1.5MiB stands for."""
+    """Parse a size such as 700000, 700k, 1.5MB, 10M or 1.5MiB; return bytes."""
     match = _FILE_SIZE.fullmatch(text)
     if match is None:
         raise click.BadParameter(f"{text!r} is not a size such as 700k, 10MB or 1.5MiB")
@@ -46,7 +46,7 @@ def file_size(text: str) -> int:
 
 
 def crop(text: str) -> tuple[int, int, int | None, int | None]:
-    """Return width, height, column and row of W:H or W:H:X:Y; None = centred."""
+    """Parse a crop, W:H or W:H:X:Y; return width, height, column, row, None = centred."""
     parts = text.split(":")
     if all(part.isascii() and part.isdigit() for part in parts):
         if len(parts) == 2:
@@ -57,7 +57,7 @@ def crop(text: str) -> tuple[int, int, int | None, int | None]:
 
 
 def gop_length(text: str) -> int | Literal["adaptive"]:
-    """Return a number of frames, or "adaptive"."""
+    """Parse a GOP length: a number of frames, or "adaptive"."""
     if text == "adaptive":
         return "adaptive"
     if text.isascii() and text.isdigit():
@@ -66,7 +66,7 @@ def gop_length(text: str) -> int | Literal["adaptive"]:
 
 
 def seconds(text: str) -> Fraction:
-    """Return the seconds that 90.5, 1:30.5 or 0:01:30.5 stands for."""
+    """Parse a time such as 90.5, 1:30.5 or 0:01:30.5; return seconds."""
     match = _TIME.fullmatch(text)
     if match is None:
         raise click.BadParameter(f"{text!r} is not a time such as 90.5, 1:30.5 or 0:01:30.5")
@@ -75,7 +75,7 @@ def seconds(text: str) -> Fraction:
 
 
 def rate(text: str) -> Fraction:
-    """Return the number that 60, 59.94 or 60000/1001 stands for."""
+    """Parse a rate such as 60, 59.94 or 60000/1001."""
     if _RATE.fullmatch(text):
         try:
             return Fraction(text)
@@ -85,7 +85,7 @@ def rate(text: str) -> Fraction:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Return the width and height that WxH or W:H stands for; -1 and -2 keep the shape."""
+    """Parse a size, WxH or W:H; a side of -1 or -2 follows from the aspect ratio."""
     match = _SIZE.fullmatch(text)
     if match is None:
         raise click.BadParameter(f"{text!r} is not WxH in pixels, such as 1280x720 or 1280x-2")
