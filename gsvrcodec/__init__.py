@@ -7,8 +7,8 @@
         picture = decoder[17].data  # (H, W, 3) uint8
     gsvrcodec.decode("out.gsvr", "out.mp4")
 
-Names are loaded when they are first used: importing the package is quick, and decoding on the
-CPU never loads torch or OpenCV.
+Public names are imported at first use: importing the package is fast, and decoding on the CPU
+never imports torch or OpenCV.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = [
 
 __version__ = "0.1.0"
 
-#: Public name: the module it comes from.
+#: Module of each public name.
 _HOMES = {
     "Decoder": "gsvrcodec.decoder.decoder",
     "Frame": "gsvrcodec.decoder.frames",
@@ -53,7 +53,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used."""
+    """Import a public name at first use."""
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     elif name == "errors":
@@ -65,5 +65,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, loaded or not."""
+    """Return the public names, imported or not."""
     return sorted({*globals(), *__all__})

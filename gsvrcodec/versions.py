@@ -1,4 +1,4 @@
-"""Versions of all that a result depends on."""
+"""Versions of the package and of its libraries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsvrcodec.video.versions import ffmpeg_version
 
 
 def versions() -> dict[str, str]:
-    """Return names and versions; torch is not loaded for it."""
+    """Return versions by name; does not import torch."""
     return {
         "gsvrcodec": __version__,
         "bitstream": f"{VERSION_MAJOR}.{VERSION_MINOR}",

@@ -97,7 +97,7 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     Args:
         payload: Of the GOP chunk.
         header: Of the file; no maximum of the header may be exceeded.
-        limits: What to accept.
+        limits: Limits on the content.
 
     Raises:
         CorruptError: The payload breaks a rule of the spec, or exceeds a maximum of the header.

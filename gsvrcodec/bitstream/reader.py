@@ -53,7 +53,7 @@ class GsvrReader:
 
     Args:
         source: Path, or a seekable binary stream, which stays open.
-        limits: What to accept, None = `Limits.from_environment()`.
+        limits: Limits on the content, None = `Limits.from_environment()`.
 
     Raises:
         InputError: The file cannot be read.

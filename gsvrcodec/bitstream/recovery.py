@@ -51,7 +51,7 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
     Args:
         source: The file.
         start: Byte offset of the first chunk after the header.
-        limits: What to accept.
+        limits: Limits on the content.
 
     Raises:
         CorruptError: A second header chunk.

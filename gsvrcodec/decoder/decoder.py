@@ -382,7 +382,7 @@ def open(
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU. A GPU renders to torch tensors in its memory.
         arrays: Copy the pictures of a GPU to NumPy arrays.
-        limits: What to accept; None = the defaults, or those of the environment.
+        limits: Limits on the content; None = the defaults, or those of the environment.
         keep_going: Also open a file that is cut short, and leave out damaged GOPs when iterating.
 
     Raises:

@@ -89,7 +89,7 @@ def decode(
         threads: Threads for rendering and for the output's encoder; 0 = all cores.
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU.
-        limits: What to accept; None = the defaults, or those of the environment.
+        limits: Limits on the content; None = the defaults, or those of the environment.
         progress: Called with the number of frames done and the number of all frames.
 
     Raises:

@@ -77,7 +77,7 @@ class GopCache:
         return joined and ticks > gops[0].last_pts
 
     def frame_at(self, ticks: int) -> int:
-        """Return the number of the frame shown at `ticks`; of the first frame before it starts."""
+        """Return the number of the frame shown at `ticks`, not before the first frame."""
         content = self.get(self.position_at(ticks))
         inside = int(np.searchsorted(content.pts, ticks, side="right")) - 1
         return content.first_frame + max(0, inside)

@@ -120,7 +120,7 @@ def picture_size(
     Args:
         size: Requested size; None = as coded.
         coded: Width and height of the coded frame, pixels.
-        limits: What is allowed.
+        limits: Limits on the size.
 
     Raises:
         UsageError: The size is invalid.

@@ -125,7 +125,7 @@ def decode_plane(
         width: Samples in a row.
         height: Rows.
         bits: 1 to 16; every sample is less than 2**bits.
-        limits: What to accept.
+        limits: Limits on the content.
         prior: The prior planes; None = no prior planes.
 
     Returns:

@@ -32,7 +32,7 @@ class GopInfo:
     background: int  #: number of the background that the GOP shows; 0 = none
     grid: tuple[int, int, int]  #: Gx, Gy, Gt of the tri-plane; all 0 = no tri-plane
     parameters: int  #: stored numbers, before quantisation
-    bytes: int  #: of its payload
+    bytes: int  #: size of the payload
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class BackgroundInfo:
     number: int  #: number by which GOPs refer to the background
     gaussians: int  #: Gaussians in the background
     parameters: int  #: stored numbers, before quantisation
-    bytes: int  #: of its payload
+    bytes: int  #: size of the payload
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,7 +166,7 @@ def measure(
     """Encode a source with a reference encoder at several CRF values and measure the results.
 
     Args:
-        reference: The encoder; its `key` is a number or None.
+        reference: The encoder; `key` must be a number or None.
         video: The source.
         start: Number of the first frame of `video` in the source.
         frames: Number of frames of `video`.

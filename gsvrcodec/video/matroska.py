@@ -19,9 +19,9 @@ _MAX_SIDE = 2**16 - 1
 class _Element(NamedTuple):
     """An EBML element."""
 
-    start: int  #: offset of its identifier
-    content: int  #: offset of its content
-    end: int  #: offset after its content
+    start: int  #: offset of the identifier
+    content: int  #: offset of the content
+    end: int  #: offset after the content
 
 
 def set_sample_aspect(path: Path, size: tuple[int, int], aspect: Fraction) -> bool:

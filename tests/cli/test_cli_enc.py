@@ -196,7 +196,7 @@ assert "torch" not in sys.modules and "cv2" not in sys.modules
 
 
 def test_warns_once(cli: Runner, tmp_path: Path) -> None:
-    """The source is read twice, and its missing timestamps are repaired each time."""
+    """The source is read several times, and its missing timestamps are repaired each time."""
     raw = making.raw_stream(tmp_path / "raw.h264")
     result = cli("gsvrenc", raw, tmp_path / "out.gsvr", *SMALL)
     assert result.code == 0, result.err
