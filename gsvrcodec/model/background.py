@@ -69,6 +69,19 @@ def append_gaussians(gop: Gop, static: Gop) -> Gop:
     return replace(gop, **both)
 
 
+def check_shown(background: Background, shown: NDArray[np.bool_]) -> None:
+    """Check that the mask `shown` of a GOP has one value for each Gaussian of its background.
+
+    Raises:
+        CorruptError: The background has another number of Gaussians than `shown`.
+    """
+    if len(shown) != len(background.gop):
+        raise CorruptError(
+            f"background {background.number} has {len(background.gop)} Gaussians, "
+            f"the GOP expects {len(shown)}"
+        )
+
+
 def append_background(gop: Gop, background: Background, shown: NDArray[np.bool_]) -> Gop:
     """Return a GOP with the Gaussians of its background that it shows behind its own.
 
@@ -80,9 +93,5 @@ def append_background(gop: Gop, background: Background, shown: NDArray[np.bool_]
     Raises:
         CorruptError: The background has another number of Gaussians than `shown`.
     """
-    if len(shown) != len(background.gop):
-        raise CorruptError(
-            f"background {background.number} has {len(background.gop)} Gaussians, "
-            f"the GOP expects {len(shown)}"
-        )
+    check_shown(background, shown)
     return append_gaussians(gop, select_gaussians(background.gop, shown))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsvrcodec.bitstream.background_payload import unpack_background
-from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE
+from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE, ChunkEntry
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
@@ -17,6 +17,7 @@ from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, STATIC_ATTRIBUTES, Attribute, GopShape
+from gsvrcodec.model.background import Background, check_shown
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -151,24 +152,25 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
         if reader.recovered:
             yield from reader.warnings
         gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
-        backgrounds: dict[int, int] = {}
+        backgrounds: dict[int, tuple[ChunkEntry, Background]] = {}
         for chunk in reader.chunks:
+            place = chunk
             try:
                 if chunk.offset in gops:
                     payload = reader.read_gop(gops[chunk.offset])
                     content = unpack_gop(payload, reader.header, limits)
-                    expected = 0 if content.shown is None else len(content.shown)
-                    if backgrounds.get(content.background, 0) != expected:
-                        raise CorruptError(
-                            f"background {content.background} is lost or another one"
-                        )
+                    if content.shown is not None:
+                        if content.background not in backgrounds:
+                            raise CorruptError(f"background {content.background} is lost")
+                        place, background = backgrounds[content.background]
+                        check_shown(background, content.shown)
                 elif chunk.type == BACKGROUND_TYPE:
                     background = unpack_background(reader.read_chunk(chunk), limits)
-                    backgrounds[background.number] = len(background.gop)
+                    backgrounds[background.number] = chunk, background
                 else:
                     reader.read_chunk(chunk)
             except CorruptError as error:
-                yield str(error.located(chunk.name, chunk.offset))
+                yield str(error.located(place.name, place.offset))
 
 
 def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, NotGsvrError
@@ -14,6 +15,8 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
+from tests.gops import make_background, make_file, make_payload
+from tests.tampering import patched
 from tests.vectors.make import VALID
 
 
@@ -53,6 +56,16 @@ class TestInspect:
         assert f"chunk SCNE at byte {background.offset}" in faults[0]
         for fault, offset in zip(faults[1:], offsets[:2], strict=True):
             assert f"chunk GOPD at byte {offset}: background 1 is lost" in fault
+
+    def test_a_background_of_another_size(self, tmp_path: Path) -> None:
+        shown = np.arange(40) % 2 == 0
+        sound = make_file(
+            [make_payload(6, background=3, shown=shown)], backgrounds={0: make_background(3, 40)}
+        )
+        path = tmp_path / "a.gsvr"
+        path.write_bytes(patched(sound, BACKGROUND_TYPE, 4, "I", 39))
+        (fault,) = verify(path)
+        assert fault == "chunk SCNE at byte 98: background 3 has 39 Gaussians, the GOP expects 40"
 
     def test_unfinished_file(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", close=False))
