@@ -110,7 +110,8 @@ class GopJob(Job):
         if self.background is not None and self.background_picture is not None:
             visible = visible_gaussians(self.background, self.background_picture, self.frames)
             if visible.any():
-                return Footage(self.frames, taus, select_gaussians(self.background.gop, visible)), visible
+                behind = select_gaussians(self.background.gop, visible)
+                return Footage(self.frames, taus, behind), visible
         return Footage(self.frames, taus), None
 
     def payload(
