@@ -20,7 +20,7 @@ from gsvrcodec.decoder.pictures import PictureMaker, RequestedSize, picture_size
 from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
-from gsvrcodec.render import Codes
+from gsvrcodec.render import Codes, backend_on
 from gsvrcodec.render.device import choose_device
 
 _log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class Decoder:
         """Open a file; see `open`."""
         device = choose_device(device)
         self._limits = limits or Limits.from_environment()
-        self._gops = GopCache(path, self._limits)
+        self._gops = GopCache(path, self._limits, lambda gop: self._maker.prepare(gop))
         self._reader = self._gops.reader
         self._keep_going = keep_going
         self.lost_frames = 0  #: pictures left out by iteration with `keep_going`
@@ -63,8 +63,7 @@ class Decoder:
                 size=picture_size(size, self._coded_size, self._limits),
                 layers=layers,
                 bit_depth=bit_depth,
-                threads=threads,
-                device=device,
+                backend=backend_on(device, threads),
                 tensors=device != "cpu" and not arrays,
             )
         except BaseException:
@@ -154,11 +153,11 @@ class Decoder:
         pts, durations = np.empty(count, np.int64), np.empty(count, np.int64)
         start = 0
         for position, group in groupby(numbers, self._reader.gop_of_frame):
-            content = self._gops.get(position)
-            inside = np.fromiter(group, np.int64) - content.first_frame
+            gop = self._gops.get(position)
+            inside = np.fromiter(group, np.int64) - gop.first_frame
             part = slice(start, start + len(inside))
-            pts[part], durations[part] = content.pts[inside], content.durations[inside]
-            self._maker.frames(content, inside, self.size, data[part])
+            pts[part], durations[part] = gop.pts[inside], gop.durations[inside]
+            self._maker.frames(gop, inside, self.size, data[part])
             start = part.stop
         base = self._reader.header.time_base
         return FrameBatch(
@@ -245,12 +244,12 @@ class Decoder:
         ticks = [self.metadata.shown(moment) for moment in seconds]
         data, start = self._maker.empty(len(ticks), pixels), 0
         for (position, between), group in groupby(ticks, self._place):
-            content, moments = self._gops.get(position), list(group)
+            gop, moments = self._gops.get(position), list(group)
             part = data[start : start + len(moments)]
             if between:
-                self._maker.fade(content, self._gops.get(position + 1), moments, pixels, part)
+                self._maker.fade(gop, self._gops.get(position + 1), moments, pixels, part)
             else:
-                self._maker.moments(content, moments, pixels, part)
+                self._maker.moments(gop, moments, pixels, part)
             start += len(moments)
         return data
 

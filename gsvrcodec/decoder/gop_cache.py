@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass
 from fractions import Fraction
 from threading import Lock
 
@@ -17,15 +17,28 @@ import numpy as np
 from gsvrcodec.bitstream.background_head import BackgroundEntry
 from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.bitstream.chunk import ChunkEntry
-from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
+from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.background import Background, append_background
+from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pyramid import by_level
+from gsvrcodec.model.time import Ticks
+from gsvrcodec.render import Prepared
 
 #: GOPs kept in memory: enough for a few threads that read at different positions.
 CACHED_GOPS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadyGop:
+    """An unpacked GOP, ready to be rendered."""
+
+    prepared: Prepared  #: its Gaussians and those of its background, where they are rendered
+    first_frame: int  #: number of its first frame in the file
+    pts: Ticks  #: (F,) presentation timestamps, ticks
+    durations: Ticks  #: (F,) durations, ticks, 0 = not known
 
 
 class GopCache:
@@ -35,19 +48,25 @@ class GopCache:
     current GOP are rendered.
     """
 
-    def __init__(self, path: str | os.PathLike[str], limits: Limits | None) -> None:
-        """Open the file at `path`. Raises as `GsvrReader`."""
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        limits: Limits | None,
+        prepare: Callable[[Gop], Prepared],
+    ) -> None:
+        """Open the file at `path`; call `prepare` once a GOP. Raises as `GsvrReader`."""
         self._limits = limits or Limits.from_environment()
         self.reader = GsvrReader(path, self._limits)
         self._first_frames = [entry.first_frame for entry in self.reader.gops]
         self._start_pts = [entry.start_pts for entry in self.reader.gops]
-        self._cache: OrderedDict[int, Future[GopContent]] = OrderedDict()
+        self._prepare = prepare
+        self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
         self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
         self._last_background: Background | None = None
         self._lock = Lock()
         self._closed = False
 
-    def get(self, position: int) -> GopContent:
+    def get(self, position: int) -> ReadyGop:
         """Return GOP `position` of the reader, with the Gaussians of its background appended.
 
         Raises:
@@ -78,9 +97,9 @@ class GopCache:
 
     def frame_at(self, ticks: int) -> int:
         """Return the number of the frame shown at `ticks`, not before the first frame."""
-        content = self.get(self.position_at(ticks))
-        inside = int(np.searchsorted(content.pts, ticks, side="right")) - 1
-        return content.first_frame + max(0, inside)
+        gop = self.get(self.position_at(ticks))
+        inside = int(np.searchsorted(gop.pts, ticks, side="right")) - 1
+        return gop.first_frame + max(0, inside)
 
     def run_end(self, frame: int) -> int:
         """Return the end of the run of frames that holds `frame`: of a GOP, or of a gap."""
@@ -103,7 +122,7 @@ class GopCache:
             self._cache.clear()
             self.reader.close()
 
-    def _future(self, position: int) -> Future[GopContent]:
+    def _future(self, position: int) -> Future[ReadyGop]:
         """Return the future of GOP `position` and mark the GOP as used last."""
         with self._lock:
             self.check_open()
@@ -114,8 +133,8 @@ class GopCache:
             self._cache.move_to_end(position)
             return self._cache[position]
 
-    def _unpacked(self, position: int) -> GopContent:
-        """Read and unpack a GOP, and append the Gaussians of its background that it shows."""
+    def _unpacked(self, position: int) -> ReadyGop:
+        """Read, unpack and prepare a GOP with the Gaussians of its background that it shows."""
         chunk = self.reader.gops[position].chunk
         payload = self.reader.read_gop(position)
         with _located(chunk):
@@ -126,7 +145,8 @@ class GopCache:
                 entry = self.reader.find_background(content.background, position)
             with _located(entry.chunk):
                 gop = append_background(gop, self._background(entry), content.shown)
-        return replace(content, gop=by_level(gop))
+        prepared = self._prepare(by_level(gop))
+        return ReadyGop(prepared, content.first_frame, content.pts, content.durations)
 
     def _background(self, entry: BackgroundEntry) -> Background:
         """Return a background, unpacked once for all GOPs in a row; for the unpacking thread."""

@@ -11,13 +11,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.gop_payload import GopContent
+from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.errors import UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.layers import Layers, select_layers
 from gsvrcodec.model.time import normalised_time, time_at
-from gsvrcodec.render import Codes, empty_frames, render_frames
+from gsvrcodec.render import Backend, Codes, Prepared, empty_frames
 
 #: Width and height in pixels, where -1 keeps the aspect ratio and -2 also rounds to an even number;
 #: or a factor for both.
@@ -35,9 +35,8 @@ class PictureMaker:
     size: tuple[int, int]  #: default width and height of the pictures, pixels
     layers: Layers  #: which Gaussians to draw
     bit_depth: int  #: bits a sample, 8 to 16
-    threads: int  #: threads for rendering; 0 = GSVR_THREADS or all cores
-    device: str = "cpu"  #: device for rendering: "cpu" or "cuda:N"
-    tensors: bool = False  #: whether pictures are torch tensors on the GPU, not arrays
+    backend: Backend  #: the renderer
+    tensors: bool = False  #: pictures are torch tensors on the backend's GPU, not arrays
 
     def __post_init__(self) -> None:
         """Raise a UsageError for unknown layers or a bit depth out of range."""
@@ -48,28 +47,32 @@ class PictureMaker:
         if not 8 <= self.bit_depth <= 16:
             raise UsageError(f"the bit depth must be 8 to 16, not {self.bit_depth}")
 
+    def prepare(self, gop: Gop) -> Prepared:
+        """Return the chosen layers of a GOP, ready to be rendered."""
+        return self.backend.prepare(select_layers(gop, self.layers, self.coded_size))
+
     def empty(self, count: int, size: tuple[int, int]) -> Codes:
         """Return uninitialised pictures of `size`, shape (count, H, W, 3)."""
-        place = self.device if self.tensors else "cpu"
+        place = self.backend.device if self.tensors else "cpu"
         return empty_frames(count, size, bit_depth=self.bit_depth, device=place)
 
     def frames(
-        self, content: GopContent, inside: NDArray[np.int64], size: tuple[int, int], out: Codes
+        self, gop: ReadyGop, inside: NDArray[np.int64], size: tuple[int, int], out: Codes
     ) -> None:
         """Render the frames `inside` (F,), counted from 0 in the GOP, to `out` (F, H, W, 3)."""
-        self._render(content.gop, normalised_time(content.pts)[inside], size, out)
+        self._render(gop.prepared, normalised_time(gop.pts)[inside], size, out)
 
     def moments(
-        self, content: GopContent, ticks: Sequence[Fraction], size: tuple[int, int], out: Codes
+        self, gop: ReadyGop, ticks: Sequence[Fraction], size: tuple[int, int], out: Codes
     ) -> None:
         """Render a GOP at the times `ticks` (F,) to `out` (F, H, W, 3)."""
-        taus = np.array([time_at(content.pts, tick) for tick in ticks], np.float32)
-        self._render(content.gop, taus, size, out)
+        taus = np.array([time_at(gop.pts, tick) for tick in ticks], np.float32)
+        self._render(gop.prepared, taus, size, out)
 
     def fade(
         self,
-        before: GopContent,
-        after: GopContent,
+        before: ReadyGop,
+        after: ReadyGop,
         ticks: Sequence[Fraction],
         size: tuple[int, int],
         out: Codes,
@@ -90,17 +93,12 @@ class PictureMaker:
             mixed = held + np.float32(weight) * step + np.float32(0.5)
             _fill(picture, mixed.astype(ends.dtype))
 
-    def _render(self, gop: Gop, taus: Float32Array, size: tuple[int, int], out: Codes) -> None:
-        """Render a GOP at the normalised times `taus` (F,) to `out` (F, H, W, 3)."""
-        render_frames(
-            select_layers(gop, self.layers, self.coded_size),
-            taus,
-            size,
-            self.coded_size,
-            bit_depth=self.bit_depth,
-            threads=self.threads,
-            device=self.device,
-            out=out,
+    def _render(
+        self, prepared: Prepared, taus: Float32Array, size: tuple[int, int], out: Codes
+    ) -> None:
+        """Render a GOP at times `taus` (F,) into `out` (F, H, W, 3)."""
+        self.backend.render(
+            prepared, taus, size, self.coded_size, bit_depth=self.bit_depth, out=out
         )
 
 

@@ -26,7 +26,7 @@ import gsvrcodec
 from gsvrcodec.decoder.gop_cache import GopCache
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.time import normalised_time
-from gsvrcodec.render import render_frames
+from gsvrcodec.render import backend_on
 from gsvrcodec.video import open_video
 from tests.benchmarks.machine import machine
 
@@ -100,13 +100,14 @@ def render_only(path: Path, threads: int) -> Callable[[], object]:
     """A call that renders all frames from GOPs unpacked before."""
     with gsvrcodec.open(path) as decoder:
         size = (decoder.metadata.width, decoder.metadata.height)
-    cache = GopCache(path, None)
+    backend = backend_on("cpu", threads)
+    cache = GopCache(path, None, backend.prepare)
     gops = [cache.get(position) for position in range(len(cache.reader.gops))]
     cache.close()
 
     def call() -> None:
-        for content in gops:
-            render_frames(content.gop, normalised_time(content.pts), size, size, threads=threads)
+        for gop in gops:
+            backend.render(gop.prepared, normalised_time(gop.pts), size, size)
 
     return call
 
