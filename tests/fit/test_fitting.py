@@ -12,7 +12,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_tor
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.tuned import EFFORT, STAGED
-from gsvrcodec.model.background import together
+from gsvrcodec.model.background import append_gaussians
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render import render_frames
 from tests import making
@@ -124,7 +124,7 @@ class TestMeanPsnr:
         )
         frames = sample(making.NOISE, (40, 32), 2)
         assert mean_psnr(front, footage(frames, behind), BACKEND) == mean_psnr(
-            together(front, behind), footage(frames), BACKEND
+            append_gaussians(front, behind), footage(frames), BACKEND
         )
 
 

@@ -17,7 +17,7 @@ if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
 pytest.importorskip("triton", reason="Triton is not installed; pip install 'gsvrcodec[gpu]'")
 
-from gsvrcodec.bitstream.gop_payload import GopContent
+from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.fit.field import Field
@@ -136,24 +136,27 @@ def test_not_finite_is_not_drawn(value: float) -> None:
 
 def test_pictures_are_tensors() -> None:
     """What the decoder makes on a GPU, also where one GOP fades into the next."""
-    first, second = (
-        GopContent(examples.random_gop(3, grid=(0, 0, 0), seed=start), start, pts, pts - pts + 1)
-        for start, pts in ((0, np.array([0, 1])), (2, np.array([4, 5])))
-    )
     options: dict[str, Any] = {
         "coded_size": (9, 7),
         "size": (9, 7),
         "layers": "all",
         "bit_depth": 8,
-        "threads": 1,
     }
-    arrays = PictureMaker(**options)
-    tensors = PictureMaker(**options, device=PLACE, tensors=True)
-    for maker in arrays, tensors:
-        assert maker.empty(2, (9, 7)).shape == (2, 7, 9, 3)
+    arrays = PictureMaker(**options, backend=backend_on("cpu", 1))
+    tensors = PictureMaker(**options, backend=gpu.TritonBackend(PLACE), tensors=True)
     made = []
     for maker in arrays, tensors:
+        first, second = (
+            ReadyGop(
+                maker.prepare(examples.random_gop(3, grid=(0, 0, 0), seed=start)),
+                start,
+                pts,
+                np.ones_like(pts),
+            )
+            for start, pts in ((0, np.array([0, 1])), (2, np.array([4, 5])))
+        )
         pictures = maker.empty(3, (9, 7))
+        assert pictures.shape == (3, 7, 9, 3)
         maker.frames(first, np.array([1, 0]), (9, 7), pictures[:2])
         maker.fade(first, second, [Fraction(2)], (9, 7), pictures[2:])
         made.append(pictures)
