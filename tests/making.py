@@ -7,6 +7,7 @@ import os
 import wave
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,29 @@ def random_gop(
     )
 
 
+@cache
+def _payloads(
+    frames: tuple[int, ...],
+    times: tuple[tuple[int, int], ...],
+    grid: tuple[int, int, int],
+    one_shot: bool,
+) -> list[bytes]:
+    """GOPs of random Gaussians; kept, for many tests ask for the same."""
+    rng = np.random.default_rng(7)
+    bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
+    found = []
+    first = 0
+    for count in frames:
+        pts, durations = np.array(times[first : first + count], np.int64).T
+        gop = random_gop(np.random.default_rng(7) if one_shot else rng, grid=grid)
+        if one_shot:
+            gop.linear[:] /= 9
+            gop.quadratic[:] /= 9
+        found.append(pack_gop(gop, pts, durations, first, bits))
+        first += count
+    return found
+
+
 def gsvr_file(
     path: Path,
     *,
@@ -170,22 +194,13 @@ def gsvr_file(
         one_shot: True = the same Gaussians in every GOP, which move little.
         header: further fields of the header.
     """
-    rng = np.random.default_rng(7)
     if times is None:
         times = [(512 * number, 512) for number in range(sum(frames))]
     fields = Header(width=size[0], height=size[1], time_base=time_base, **header)
     with path.open("w+b") as file:
         writer = GsvrWriter(file, fields)
-        first = 0
-        for count in frames:
-            pts, durations = np.array(times[first : first + count], np.int64).T
-            bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
-            gop = random_gop(np.random.default_rng(7) if one_shot else rng, grid=grid)
-            if one_shot:
-                gop.linear[:] /= 9
-                gop.quadratic[:] /= 9
-            writer.add_gop(pack_gop(gop, pts, durations, first, bits))
-            first += count
+        for payload in _payloads(tuple(frames), tuple(map(tuple, times)), grid, one_shot):
+            writer.add_gop(payload)
         if settings is not None:
             writer.add_auxiliary(b"sett", json.dumps(settings).encode())
         for kind, payload in (auxiliary or {}).items():

@@ -153,7 +153,7 @@ class TestFailures:
             run(command, [])
 
     def test_interrupt_leaves_nothing(self, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[60] * 50)
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[1000] * 3)
         target = tmp_path / "out.y4m"
         process = start("gsvrdec", path, target, stderr=subprocess.PIPE)
         deadline = time.monotonic() + 20
@@ -167,7 +167,7 @@ class TestFailures:
         assert [p.name for p in tmp_path.iterdir()] == ["a.gsvr"]
 
     def test_pipe_closed_early(self, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[16] * 20)
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=[320])
         process = start("gsvrdec", path, "-", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         assert process.stdout is not None
         assert process.stdout.read(9) == b"YUV4MPEG2"
