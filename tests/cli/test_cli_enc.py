@@ -16,7 +16,10 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from tests import making
 from tests.cli.tools import ROOT, Runner, start
 
-SMALL = ("--frames", "4", "--gop", "2", "--gaussians", "0.2k", "--preset", "fastest")
+SMALL = (
+    *("--frames", "4", "--gop", "2", "--gaussians", "0.2k"),
+    *("--preset", "fastest", "--pack", "deflate"),
+)
 
 
 @pytest.fixture

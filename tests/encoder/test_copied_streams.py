@@ -19,7 +19,13 @@ def coded(source: Path, **settings: Any) -> tuple[Path, EncodeResult]:
     """Encode a film with the least effort."""
     target = source.with_suffix(".gsvr")
     result = gsvrcodec.encode(
-        source, target, preset="fastest", gaussians=20, overwrite=True, **settings
+        source,
+        target,
+        preset="fastest",
+        gaussians=20,
+        pack="deflate",
+        overwrite=True,
+        **settings,
     )
     return target, result
 

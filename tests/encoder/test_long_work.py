@@ -15,7 +15,7 @@ from gsvrcodec.errors import OutputError, VerificationError
 from tests import making
 
 #: Four GOPs.
-SETTINGS: dict[str, Any] = {"gop": 5, "gaussians": 40, "frames": 18}
+SETTINGS: dict[str, Any] = {"gop": 3, "gaussians": 40, "frames": 11, "pack": "deflate"}
 
 
 def quick(source: Path, target: Path, **settings: Any) -> EncodeResult:

@@ -14,7 +14,10 @@ from tests import making
 from tests.cli.tools import start
 
 #: Five GOPs, which take about as long as the libraries take to load.
-OPTIONS = ("-q", "--gop", "4", "--gaussians", "200", "--preset", "fast", "--threads", "2")
+OPTIONS = (
+    *("-q", "--gop", "4", "--gaussians", "200", "--preset", "fast"),
+    *("--pack", "deflate", "--threads", "2"),
+)
 
 
 def encode(target: Path, *options: str) -> subprocess.Popen[bytes]:
@@ -43,8 +46,14 @@ def gone(pid: int) -> bool:
         return True
 
 
-def kill_and_resume(directory: Path, times: int, seed: int = 0) -> list[int]:
+def kill_and_resume(directory: Path, times: int, seed: int = 0, *, often: int = 1) -> list[int]:
     """Kill encodes at random moments and compare the resumed files with an uninterrupted one.
+
+    Args:
+        directory: an empty one to work in.
+        times: how many encodes to kill.
+        seed: of the moments.
+        often: how many times an encode is killed before it may finish.
 
     Returns:
         Bytes that each killed encode had kept.
@@ -70,6 +79,8 @@ def kill_and_resume(directory: Path, times: int, seed: int = 0) -> list[int]:
         while not all(map(gone, started)):
             assert time.monotonic() < deadline, "a killed encoder's processes go on"
             time.sleep(0.02)
+        if (number + 1) % often and number + 1 < times:
+            continue
         finish(encode(target, "--workers", workers))
         assert target.read_bytes() == whole.read_bytes(), f"round {number}: other bytes"
         left = sorted(path.name for path in directory.iterdir())

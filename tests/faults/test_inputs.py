@@ -18,7 +18,7 @@ from tests import making
 from tests.cli.tools import Runner
 from tests.video.films import film
 
-QUICK = ("--preset", "fastest", "--gaussians", "30", "--workers", "1")
+QUICK = ("--preset", "fastest", "--gaussians", "30", "--workers", "1", "--pack", "deflate")
 
 
 @pytest.fixture

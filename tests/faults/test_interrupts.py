@@ -19,7 +19,10 @@ from tests import making
 from tests.cli.tools import ROOT, Runner, start
 from tests.faults.kills import children, gone, kill_and_resume
 
-SMALL = ("--frames", "6", "--gop", "2", "--gaussians", "50", "--preset", "fastest")
+SMALL = (
+    *("--frames", "6", "--gop", "2", "--gaussians", "50"),
+    *("--preset", "fastest", "--pack", "deflate"),
+)
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs Linux")
 
@@ -45,7 +48,9 @@ class TestKill:
     """Fault 20."""
 
     def test_resumed_after_kills_gives_the_same_bytes(self, tmp_path: Path) -> None:
-        assert len(kill_and_resume(tmp_path, 3)) == 3
+        kept = kill_and_resume(tmp_path, 3, often=3)
+        assert len(kept) == 3
+        assert any(kept)
 
     def test_once_says_how_to_resume(self, tmp_path: Path) -> None:
         target = tmp_path / "a b.gsvr"
@@ -114,7 +119,8 @@ class TestState:
             if state.gop == 2:
                 raise KeyboardInterrupt
 
-        settings: dict[str, Any] = {"frames": 6, "gop": 2, "gaussians": 50, "preset": "fastest"}
+        settings: dict[str, Any] = {"frames": 6, "gop": 2, "gaussians": 50}
+        settings |= {"preset": "fastest", "pack": "deflate"}
         with pytest.raises(KeyboardInterrupt):
             gsvrcodec.encode(making.NOISE, target, progress=stop, **settings)
         return target

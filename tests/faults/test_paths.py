@@ -16,7 +16,10 @@ from gsvrcodec.errors import InputError
 from tests import making
 from tests.cli.tools import Runner, start
 
-SMALL = ("--frames", "4", "--gop", "2", "--gaussians", "50", "--preset", "fastest")
+SMALL = (
+    *("--frames", "4", "--gop", "2", "--gaussians", "50"),
+    *("--preset", "fastest", "--pack", "deflate"),
+)
 FULL = Path("/dev/full")
 
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
