@@ -103,8 +103,8 @@ def test_codes(bit_depth: int) -> None:
 
 def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     """More blocks in a tile, and more candidates, than a program looks at together."""
-    monkeypatch.setattr(launch, "CHUNK", 4)
-    example = Example(examples.random_gop(64 * 4 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
+    monkeypatch.setattr(launch, "CHUNK", 2)
+    example = Example(examples.random_gop(64 * 2 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
     example.gop.log_scale[:] = -2.0
     weights = _weights(example)
     expected, gradients = examples.reference_render(example, weights[0])
