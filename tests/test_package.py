@@ -25,9 +25,21 @@ def loaded_by(code: str) -> set[str]:
 
 
 def test_every_public_name_is_there() -> None:
-    for name in gsvrcodec.__all__:
-        assert getattr(gsvrcodec, name) is not None
-    assert set(gsvrcodec.__all__) <= set(dir(gsvrcodec))
+    for name in set(gsvrcodec.__all__) - {"__version__", "errors"}:
+        value = getattr(gsvrcodec, name)
+        assert value.__name__ == name
+        assert value.__module__.startswith("gsvrcodec.")
+    assert gsvrcodec.errors.GsvrError.__module__ == "gsvrcodec.errors"
+
+
+def test_names_are_listed_before_they_are_loaded() -> None:
+    code = """
+import gsvrcodec
+assert "Decoder" not in vars(gsvrcodec)
+print(*dir(gsvrcodec))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert set(gsvrcodec.__all__) <= set(run.stdout.split())
 
 
 def test_unknown_name_fails() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from dataclasses import fields, replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,6 +34,7 @@ HEADER = Header(
     max_gop_frames=50,
     max_grid=(9, 9, 9),
 )
+ROOT = Path(__file__).parents[2]
 PTS = 40 * np.arange(3)
 DURATIONS = np.full(3, 40)
 
@@ -83,7 +86,18 @@ class TestRoundTrip:
         np.testing.assert_allclose(near, np.mod(gop.rotation, np.pi), atol=1e-4)
 
     def test_is_repeatable(self) -> None:
-        assert make_payload(pack="auto") == make_payload(pack="auto")
+        call = "make_payload(30, (3, 2, 4), pack='auto')"
+        code = f"from tests.gops import make_payload; print({call}.hex())"
+        environment = {**os.environ, "PYTHONHASHSEED": "7", "GSVR_THREADS": "3"}
+        other = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert other.stdout.strip() == make_payload(30, (3, 2, 4), pack="auto").hex()
 
 
 class TestPack:

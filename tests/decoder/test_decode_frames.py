@@ -171,10 +171,11 @@ class TestSharing:
             for index, frame in zip(order, pool.map(decoder.get_frame_at, order), strict=True):
                 assert_same(frame, sequence[index])
 
-    def test_two_decoders(self, path: Path) -> None:
+    def test_two_decoders(self, path: Path, sequence: list[Frame]) -> None:
         with gsvrcodec.open(path) as one, gsvrcodec.open(path) as other:
-            for a, b in zip(one, list(other), strict=True):
-                assert_same(a, b)
+            for a, b, truth in zip(one, other, sequence, strict=True):
+                assert_same(a, truth)
+                assert_same(b, truth)
 
     def test_iterators_do_not_disturb_each_other(
         self, decoder: Decoder, sequence: list[Frame]

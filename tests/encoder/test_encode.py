@@ -111,9 +111,14 @@ class TestSettings:
         assert first != other
 
     def test_time_budget(self, tmp_path: Path) -> None:
-        result = gsvrcodec.encode(making.NOISE, tmp_path / "a.gsvr", time_budget=0.05)
-        assert result.frames == 20
-        assert result.psnr > 15
+        least, result = (
+            gsvrcodec.encode(making.NOISE, tmp_path / f"{budget}.gsvr", time_budget=budget)
+            for budget in (0.0001, 0.1)
+        )
+        assert least.frames == result.frames == 20
+        assert result.psnr > max(15, least.psnr)
+        # Two seconds are spent, but for what no budget bounds.
+        assert 0.7 * 2 < result.seconds < 1.3 * 2 + least.seconds
 
     def test_paper(self, tmp_path: Path) -> None:
         result = quick(making.NOISE, tmp_path / "a.gsvr", profile="paper", gop=10)
@@ -171,7 +176,7 @@ class TestStats:
         assert first.frames + second.frames == 16
         assert first.cut
         assert second.cut
-        assert first.motion >= 0
+        assert first.motion > 0
         assert sum(gop.gaussians for gop in result.gop_stats) == result.gaussians
         size = sum(gop.bytes for gop in result.gop_stats)
         assert result.bytes - 2000 < size < result.bytes
@@ -240,4 +245,4 @@ class TestSmallest:
         with gsvrcodec.open(tmp_path / "a.gsvr") as decoder:
             assert len(decoder) == result.frames == frames
             assert decoder[-1].data.shape == (size[1], size[0], 3)
-            assert decoder.metadata.time_base > Fraction(0)
+            assert decoder.metadata.time_base == Fraction(1, 25)

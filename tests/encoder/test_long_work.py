@@ -107,9 +107,10 @@ class TestWorkersAndResume:
 
     def test_time_budget_with_workers(self, tmp_path: Path) -> None:
         settings: dict[str, Any] = {"time_budget": 0.2, "gop": 4, "workers": 2, "threads": 2}
+        settings |= {"frames": 8, "pack": "deflate"}
         result = gsvrcodec.encode(making.NOISE, tmp_path / "a.gsvr", **settings)
         assert result.psnr > 15
-        assert len(result.gop_stats) == 5
+        assert len(result.gop_stats) == 2
 
 
 class TestVerify:

@@ -113,7 +113,7 @@ class TestAccepted:
     @pytest.mark.parametrize(
         ("make", "frames", "says"),
         [
-            (lambda path: clip(path / "a.mkv", "bgra"), 3, "warning: .*transparen"),
+            (lambda path: clip(path / "a.mkv", "bgra"), 3, "gsvrenc: warning: .*transparen.*\n"),
             (truncated, 3, ""),
         ],
         ids=["RGBA", "truncated"],
@@ -128,7 +128,7 @@ class TestAccepted:
     ) -> None:
         result = cli("gsvrenc", make(tmp_path), tmp_path / "a.gsvr", *QUICK, "-q")
         assert result.code == 0, result.err
-        assert re.search(says, result.err)
+        assert re.fullmatch(says, result.err)
         with gsvrcodec.open(tmp_path / "a.gsvr") as decoder:
             assert len(decoder) == frames
 

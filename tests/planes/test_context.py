@@ -291,28 +291,29 @@ class TestEncode:
         assert len(context.encode(samples, PlaneShape(60, 60, 10), prior)) < 100
 
     @pytest.mark.parametrize(
-        ("predictor", "coding"),
+        ("predictor", "coding", "says"),
         [
-            (((), 2**29, False, NOTHING), (4, 2, ())),
-            (((), 0, True, NOTHING), (4, 2, ())),
-            (((), 0, False, (128, *NOTHING[1:])), (4, 2, ())),
-            ((((1, 1),), 0, False, NOTHING), (4, 2, ())),
-            ((((0, 1), (0, 1)), 0, False, NOTHING), (4, 2, ())),
-            ((((0, 4097),), 0, False, NOTHING), (4, 2, ())),
-            (((), 0, False, NOTHING), (2, 2, ())),
-            (((), 0, False, NOTHING), (8, 2, ())),
-            (((), 0, False, NOTHING), (4, 2, (0,))),
-            (((), 0, False, NOTHING), (4, 2, (2, 2))),
-            (((), 0, False, NOTHING), (4, 2, range(1, 9))),
+            (((), 2**29, False, NOTHING), (4, 2, ()), "bias out of range"),
+            (((), 0, True, NOTHING), (4, 2, ()), "no plane to be guided by"),
+            (((), 0, False, (128, *NOTHING[1:])), (4, 2, ()), "weights of neighbours"),
+            ((((1, 1),), 0, False, NOTHING), (4, 2, ()), "must be ascending prior planes"),
+            ((((0, 1), (0, 1)), 0, False, NOTHING), (4, 2, ()), "must be ascending prior planes"),
+            ((((0, 4097),), 0, False, NOTHING), (4, 2, ()), "weights out of range"),
+            (((), 0, False, NOTHING), (2, 2, ()), "cannot be divided"),
+            (((), 0, False, NOTHING), (8, 2, ()), "cannot be divided"),
+            (((), 0, False, NOTHING), (4, 2, (0,)), "must be ascending"),
+            (((), 0, False, NOTHING), (4, 2, (2, 2)), "must be ascending"),
+            (((), 0, False, NOTHING), (4, 2, range(1, 9)), "too many contexts"),
         ],
     )
     def test_what_the_format_cannot_say_fails(
         self,
         predictor: tuple[tuple[tuple[int, int], ...], int, bool, tuple[int, ...]],
         coding: tuple[int, int, tuple[int, ...]],
+        says: str,
     ) -> None:
         samples = np.zeros((1, 3, 4), np.uint16)
-        with pytest.raises(ValueError, match=r"."):
+        with pytest.raises(ValueError, match=says):
             _entropy.encode_context(
                 samples[0],
                 8,

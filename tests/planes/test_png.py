@@ -12,6 +12,7 @@ import pytest
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.planes import png
 from gsvrcodec.planes.samples import PlaneShape
+from tests import memory
 
 SHAPE = PlaneShape(4, 3, 8)
 PIXELS = np.arange(12, dtype=np.uint8).reshape(3, 4)
@@ -88,5 +89,5 @@ class TestDecode:
 
     def test_a_bomb_stops_at_the_bound(self) -> None:
         bomb = chunk(b"IDAT", zlib.compress(bytes(50_000_000)))
-        with pytest.raises(CorruptError, match="does not hold 15"):
+        with memory.at_most(2**24), pytest.raises(CorruptError, match="does not hold 15"):
             png.decode(file(ihdr(), bomb, IEND), SHAPE)
