@@ -94,8 +94,8 @@ void plain_tile(const PlainSplat *splats, const int *list, int count, int x, int
 double multiply_add(std::int64_t rounds, float *sink) {
     constexpr int kChains = 10;
     vf v[kChains];
-    for (int i = 0; i < kChains; ++i) v[i] = splat(static_cast<float>(i));
-    const vf factor = splat(sink[0]), term = splat(sink[1]);
+    for (int i = 0; i < kChains; ++i) v[i] = broadcast(static_cast<float>(i));
+    const vf factor = broadcast(sink[0]), term = broadcast(sink[1]);
     for (std::int64_t round = 0; round < rounds; ++round)
         for (vf &chain : v) chain = chain * factor + term;
     for (const vf &chain : v) sink[0] += chain[0];
