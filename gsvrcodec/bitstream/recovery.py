@@ -35,6 +35,11 @@ class Walk:
     gops: list[GopEntry] = field(default_factory=list)  #: GOPs in order of frames and time
     warnings: list[str] = field(default_factory=list)  #: damage, and GOPs left out
 
+    @property
+    def has_enough(self) -> bool:
+        """Whether further warnings are left out."""
+        return len(self.warnings) > _MAX_WARNINGS
+
     def warn(self, text: str) -> None:
         """Add a warning; after `_MAX_WARNINGS` only one more, "more of the same"."""
         if len(self.warnings) < _MAX_WARNINGS:
@@ -43,14 +48,14 @@ class Walk:
             self.warnings.append("more of the same")
 
 
-def walk(source: Source, start: int, limits: Limits) -> Walk:
+def walk(source: Source, begin: int, limits: Limits) -> Walk:
     """Walk from chunk head to chunk head; after damage go on at the next GOP or background.
 
     Of payloads only the heads of GOPs are read.
 
     Args:
         source: The file.
-        start: Byte offset of the first chunk after the header.
+        begin: Byte offset of the first chunk after the header.
         limits: Limits on the content.
 
     Raises:
@@ -59,13 +64,13 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
         LimitError: There are more chunks, or byte sequences that look like one, than allowed.
     """
     found = Walk()
-    offset = start
+    offset = begin
     tries = 0
     while offset < source.size:
         tries += 1
         limits.check("chunks", tries, "the number of chunks")
         try:
-            chunk = _chunk_at(source, offset)
+            chunk, start = _chunk_at(source, offset)
         except CorruptError as error:
             found.warn(str(error))
             resumed, tries = _next_sound(source, offset + 1, limits, tries)
@@ -76,7 +81,7 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
         _check_type(chunk)
         found.chunks.append(chunk)
         if chunk.type == GOP_TYPE:
-            _add_gop(source, chunk, found)
+            _add_gop(chunk, start, found)
         offset = chunk.end
         if chunk.type == END_TYPE:
             if offset != source.size:
@@ -87,15 +92,17 @@ def walk(source: Source, start: int, limits: Limits) -> Walk:
     return found
 
 
-def _chunk_at(source: Source, offset: int) -> ChunkEntry:
+def _chunk_at(source: Source, offset: int) -> tuple[ChunkEntry, bytes]:
+    """A chunk whose head is valid, and the start of its payload: enough for a GOP head."""
     if source.size - offset < OVERHEAD_BYTES:
         raise CorruptError("cut short in a chunk head", offset=offset)
-    chunk = parse_chunk_head(source.read(offset, HEAD_BYTES), offset)
+    data = source.read(offset, min(HEAD_BYTES + GOP_HEAD_BYTES, source.size - offset))
+    chunk = parse_chunk_head(data, offset)
     if chunk.end > source.size:
         raise CorruptError(
             f"{chunk.size} bytes, past the end of the file", chunk=chunk.name, offset=offset
         )
-    return chunk
+    return chunk, data[HEAD_BYTES:]
 
 
 def _check_type(chunk: ChunkEntry) -> None:
@@ -108,19 +115,20 @@ def _check_type(chunk: ChunkEntry) -> None:
         )
 
 
-def _add_gop(source: Source, chunk: ChunkEntry, found: Walk) -> None:
+def _add_gop(chunk: ChunkEntry, start: bytes, found: Walk) -> None:
     """Add the GOP in `chunk` if its head is valid and it comes after the last GOP added."""
     try:
         if chunk.size < GOP_HEAD_BYTES:
             raise CorruptError(f"GOP of {chunk.size} bytes")
-        gop = unpack_summary(source.read(chunk.payload_offset, GOP_HEAD_BYTES), chunk)
+        gop = unpack_summary(start, chunk)
         previous = found.gops[-1] if found.gops else None
         if previous and gop.first_frame < previous.end_frame:
             raise CorruptError(f"first frame is {gop.first_frame}, after {previous.end_frame - 1}")
         if previous and gop.start_pts <= previous.last_pts:
             raise CorruptError(f"timestamp {gop.start_pts} does not come after {previous.last_pts}")
     except CorruptError as error:
-        found.warn(f"GOP left out: {error.located(chunk.name, chunk.offset)}")
+        if not found.has_enough:
+            found.warn(f"GOP left out: {error.located(chunk.name, chunk.offset)}")
         return
     expected = previous.end_frame if previous else 0
     if gop.first_frame > expected:

@@ -46,6 +46,12 @@ def gone(pid: int) -> bool:
         return True
 
 
+def await_checkpoint(process: subprocess.Popen[bytes], state: Path) -> None:
+    """Wait until an encode keeps a checkpoint, or has ended."""
+    while not state.exists() and process.poll() is None:
+        time.sleep(0.01)
+
+
 def kill_and_resume(directory: Path, times: int, seed: int = 0, *, often: int = 1) -> list[int]:
     """Kill encodes at random moments and compare the resumed files with an uninterrupted one.
 
@@ -60,17 +66,18 @@ def kill_and_resume(directory: Path, times: int, seed: int = 0, *, often: int = 
     """
     whole, target = directory / "whole.gsvr", directory / "a.gsvr"
     state = directory / "a.gsvr.part"
+    process = encode(whole, "--workers", "1")
+    await_checkpoint(process, directory / "whole.gsvr.part")
     began = time.monotonic()
-    finish(encode(whole, "--workers", "1"))
-    span = time.monotonic() - began
+    finish(process)
+    span = time.monotonic() - began  # of the encode proper: the libraries were loaded before
     draw = random.Random(seed)
     kept = []
     for number in range(times):
         workers = str(number % 2 + 1)
         process = encode(target, "--workers", workers)
-        while not state.exists() and process.poll() is None:
-            time.sleep(0.01)
-        time.sleep(draw.uniform(0, span))
+        await_checkpoint(process, state)
+        time.sleep(draw.uniform(0, 0.9 * span))
         started = children(process)
         process.send_signal(signal.SIGKILL)
         process.communicate()

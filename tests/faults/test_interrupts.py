@@ -168,7 +168,7 @@ class TestState:
         state = target.with_name("a.gsvr.part")
         sound = state.read_bytes()
         whole = self.resumed(cli, target)
-        for offset in (len(sound) - 40, sound.index(b"part") + 30, sound.index(b"step") + 30):
+        for offset in (len(sound) - 40, sound.index(b"part") + 30, sound.index(b"stat") + 30):
             damaged = bytearray(sound)
             damaged[offset] ^= 4
             state.write_bytes(damaged)

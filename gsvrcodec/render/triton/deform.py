@@ -139,7 +139,7 @@ def project(
     log_scale_ptr,
     rotation_ptr,
     colour_ptr,
-    alpha_ptr,
+    indicator_ptr,
     linear_ptr,
     quadratic_ptr,
     xy_ptr,
@@ -178,7 +178,7 @@ def project(
     ls0 = tl.load(log_scale_ptr + 2 * i, mask=mask, other=0.0)
     ls1 = tl.load(log_scale_ptr + 2 * i + 1, mask=mask, other=0.0)
     theta = tl.load(rotation_ptr + i, mask=mask, other=0.0)
-    gate = 1.0 - tl.load(alpha_ptr + i, mask=mask, other=0.0)
+    gate = 1.0 - tl.load(indicator_ptr + i, mask=mask, other=0.0)
     linear_x = tl.load(linear_ptr + 2 * i, mask=mask, other=0.0)
     linear_y = tl.load(linear_ptr + 2 * i + 1, mask=mask, other=0.0)
     quadratic_x = tl.load(quadratic_ptr + 2 * i, mask=mask, other=0.0)

@@ -12,7 +12,7 @@ def deform_backward(
     position_ptr,
     log_scale_ptr,
     rotation_ptr,
-    alpha_ptr,
+    indicator_ptr,
     xy_ptr,
     xt_ptr,
     yt_ptr,
@@ -24,7 +24,7 @@ def deform_backward(
     log_scale_gradient_ptr,
     rotation_gradient_ptr,
     colour_gradient_ptr,
-    alpha_gradient_ptr,
+    indicator_gradient_ptr,
     linear_gradient_ptr,
     quadratic_gradient_ptr,
     factor_gradient_ptr,  # (F, 3, N, 8): of the values looked up in xy, xt and yt
@@ -55,10 +55,10 @@ def deform_backward(
     ls0 = tl.load(log_scale_ptr + 2 * i, mask=mask, other=0.0)
     ls1 = tl.load(log_scale_ptr + 2 * i + 1, mask=mask, other=0.0)
     rotation = tl.load(rotation_ptr + i, mask=mask, other=0.0)
-    gate = 1.0 - tl.load(alpha_ptr + i, mask=mask, other=0.0)
+    gate = 1.0 - tl.load(indicator_ptr + i, mask=mask, other=0.0)
 
     zero = tl.zeros_like(x)
-    g_x, g_y, g_ls0, g_ls1, g_rotation, g_alpha = zero, zero, zero, zero, zero, zero
+    g_x, g_y, g_ls0, g_ls1, g_rotation, g_indicator = zero, zero, zero, zero, zero, zero
     g_red, g_green, g_blue = zero, zero, zero
     g_linear_x, g_linear_y, g_quadratic_x, g_quadratic_y = zero, zero, zero, zero
     for frame in range(frames):
@@ -146,7 +146,7 @@ def deform_backward(
             g = tl.where(channel == 6, green[:, None], g)
             g = tl.where(channel == 7, blue[:, None], g)
             g = tl.where(drawn[:, None], g, 0.0)
-            g_alpha -= tl.where(drawn, tl.sum(g * (xy * xt * yt), 1), 0.0)
+            g_indicator -= tl.where(drawn, tl.sum(g * (xy * xt * yt), 1), 0.0)
             g *= tl.where(drawn, gate, 0.0)[:, None]
             g_xy, g_xt, g_yt = g * (xt * yt), g * (xy * yt), g * (xy * xt)
             g_x += tl.where(drawn, tl.sum(g_xy * xy_x + g_xt * xt_x, 1), 0.0)
@@ -163,7 +163,7 @@ def deform_backward(
     tl.store(log_scale_gradient_ptr + 2 * i, g_ls0, mask=mask)
     tl.store(log_scale_gradient_ptr + 2 * i + 1, g_ls1, mask=mask)
     tl.store(rotation_gradient_ptr + i, g_rotation, mask=mask)
-    tl.store(alpha_gradient_ptr + i, g_alpha, mask=mask)
+    tl.store(indicator_gradient_ptr + i, g_indicator, mask=mask)
     tl.store(linear_gradient_ptr + 2 * i, g_linear_x, mask=mask)
     tl.store(linear_gradient_ptr + 2 * i + 1, g_linear_y, mask=mask)
     tl.store(quadratic_gradient_ptr + 2 * i, g_quadratic_x, mask=mask)
