@@ -36,7 +36,8 @@ class _Rate:
     """How bits, Gaussians and quality go together. Bunny; other clips differ by some dB."""
 
     #: bits of the payload for each Gaussian, all planes counted, at the best trade of their number
-    #: against their steps: nearly the same from 0.01 to 0.1 bpp
+    #: against their steps. Bunny: nearly the same from 0.01 to 0.1 bpp. First GOPs of six clips at
+    #: 0.1 bpp, preset fast: 61 bits cost 0.08 dB in the mean, 82 bits 0.15 dB.
     gaussian_bits: float = 70.0
     #: mean squared error = error * complexity / bpp**fall, where the complexity of frames is their
     #: change + detail_share * detail

@@ -141,7 +141,8 @@ def optimise(
     """
     size, frames = footage.size, footage.frames
     large = min(size) >= recipe.coarse_min_side
-    shown = _half(frames) if recipe.coarse and large else frames
+    small = _half(frames) if recipe.coarse and large else frames
+    shown = small
     targets, backdrop = targets_of(field, shown, size)
     reorder(field, size)
     adam = Adam(field.raw, recipe, size, field.backend)
@@ -151,7 +152,7 @@ def optimise(
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
-            adam.rearrange(*relocate(field, shown, footage.taus, size, rng))
+            adam.rearrange(*relocate(field, small, footage.taus, size, rng))
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames

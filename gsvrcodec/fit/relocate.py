@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.start import sample_pixels
+from gsvrcodec.fit.start import over_channels, sample_pixels
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.render.order import drawing_order
@@ -90,7 +90,7 @@ def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
 
 def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:
     """Squared error around each pixel, (h, w), above zero."""
-    squares = np.square(picture.astype(np.float32) - wanted).sum(axis=2)
+    squares = over_channels(np.square(picture.astype(np.float32) - wanted))
     blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error

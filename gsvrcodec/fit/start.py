@@ -27,7 +27,7 @@ def density(frames: Frames, backdrop: Float32Array | None = None) -> NDArray[np.
     for frame in frames:
         if backdrop is not None:
             frame = frame - 255 * backdrop
-            residual += np.abs(frame).sum(axis=2)
+            residual += over_channels(np.abs(frame))
         total += gradient(frame)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
     even: float | NDArray[np.float64] = 1.0 / detail.size
@@ -43,8 +43,12 @@ def gradient(frame: NDArray[np.uint8] | Float32Array) -> Float32Array:
     """Differences across and down, (H, W): absolute, summed over the channels of (H, W, 3)."""
     dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
     dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
-    total: Float32Array = (np.abs(dx) + np.abs(dy)).sum(axis=2)
-    return total
+    return over_channels(np.abs(dx) + np.abs(dy))
+
+
+def over_channels(values: Float32Array) -> Float32Array:
+    """Sum of the channels of (H, W, 3), (H, W); quicker than `sum`, whose rows are too short."""
+    return values[..., 0] + values[..., 1] + values[..., 2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -81,14 +81,14 @@ class NativeBackend(Backend):
         backdrop: Samples | None = None,
     ) -> tuple[float, Sequence[Tensor]]:
         """Render, compare and differentiate in one call of the core."""
-        values = list(parameters.values())
-        gradients = [value.new_empty(value.shape) for value in values]
+        # Views as NumPy arrays: nanobind takes them ten times as fast as tensors.
+        gradients = [value.new_empty(value.shape) for value in parameters.values()]
         error = _core.squared_error(
-            _core.Parameters(*values),
+            _core.Parameters(*(value.numpy() for value in parameters.values())),
             tau,
             target,
             *coded_size,
-            _core.Parameters(*gradients),
+            _core.Parameters(*(gradient.numpy() for gradient in gradients)),
             self._threads,
             backdrop,
         )
@@ -107,9 +107,9 @@ class NativeBackend(Backend):
         step: int,
     ) -> None:
         """Take one step of Adam in place."""
-        _core.adam_step(
-            value, gradient, mean, square, rates * factor, *betas, epsilon, step, self._threads
-        )
+        scaled = rates.numpy() * np.float32(factor)
+        arrays = (tensor.numpy() for tensor in (value, gradient, mean, square))
+        _core.adam_step(*arrays, scaled, *betas, epsilon, step, self._threads)
 
 
 def parameters(gop: Gop) -> _core.Parameters:

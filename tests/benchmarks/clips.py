@@ -20,6 +20,7 @@ from gsvrcodec.errors import GsvrError
 from gsvrcodec.report.reference import parse_reference
 from gsvrcodec.report.study import Study, study
 from gsvrcodec.video import open_video
+from tests.benchmarks import bunny
 from tests.benchmarks.encodes import HEADING, Row, document, measure, save, show
 from tests.benchmarks.machine import machine
 
@@ -36,6 +37,7 @@ TABLES: Mapping[str, list[dict[str, Any]]] = {
     "profile": [
         {"time_budget": 1.0, "profile": profile, "gop": 24} for profile in ("main", "paper")
     ],
+    "recipe": [{"preset": "fast", "bpp": 0.1}],
     "rate": [{"time_budget": 2.0, "bpp": bpp} for bpp in (0.04, 0.1, 0.25, 0.5)],
 }
 #: What the table "rate" is compared with.
@@ -94,6 +96,8 @@ def _settings(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What all rows of a clip share, and what this one has of its own."""
     common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
+    if clip.name == bunny.SOURCE.name:
+        common["crop"] = bunny.CROP
     if "bpp" not in settings:
         common["params"] = _params(clip, frames)
     if preset is not None:

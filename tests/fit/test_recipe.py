@@ -28,9 +28,9 @@ class TestRecipes:
         assert factors[-1] == pytest.approx(0.02)
         assert all(after < before for before, after in pairwise(factors))
 
-    def test_relocations_come_in_the_coarse_stage(self, recipe: Recipe) -> None:
+    def test_relocations_leave_time_to_settle(self, recipe: Recipe) -> None:
         assert list(recipe.relocations) == sorted(recipe.relocations)
-        assert all(0 < when < recipe.coarse for when in recipe.relocations)
+        assert all(0 < when < 0.7 for when in recipe.relocations)
 
 
 def test_constants_name_what_there_is() -> None:
