@@ -108,8 +108,8 @@ class NativeBackend(Backend):
     ) -> None:
         """Take one step of Adam in place."""
         scaled = rates.numpy() * np.float32(factor)
-        arrays = (tensor.numpy() for tensor in (value, gradient, mean, square))
-        _core.adam_step(*arrays, scaled, *betas, epsilon, step, self._threads)
+        param, grad, m, v = (tensor.numpy() for tensor in (value, gradient, mean, square))
+        _core.adam_step(param, grad, m, v, scaled, *betas, epsilon, step, self._threads)
 
 
 def parameters(gop: Gop) -> _core.Parameters:

@@ -44,6 +44,21 @@ def test_steps_in_the_size_do_no_harm() -> None:
     assert size(find_qscale(size, Target.of_size(5500), 1.0)) == 5000
 
 
+def test_a_jump_over_the_target_ends_the_search() -> None:
+    """Sizes that leave the target out, as where a step is rounded to a power of two."""
+    trials = []
+
+    def size(qscale: float) -> float:
+        trials.append(qscale)
+        return (10_100 if qscale < 1.2 else 9_900) / math.pow(qscale, 0.2)
+
+    target = round(10_000 * 1.2**-0.2)
+    found = find_qscale(size, Target.of_size(target), 1.0)
+    assert found == pytest.approx(1.2, rel=0.01)
+    assert size(found) < target
+    assert len(trials) <= 9
+
+
 @pytest.mark.parametrize(
     ("size", "end"), [(1e9, RATE_CONTROL.finest), (1.0, RATE_CONTROL.coarsest)]
 )
