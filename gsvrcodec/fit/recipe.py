@@ -33,8 +33,8 @@ def _cosine(spent: float) -> float:
 
 
 #: Rates of positions, motion and tri-plane were found on Bunny alone; the other rates, the betas,
-#: the coarse stage and the relocations on six clips (Bunny and five of `tests/benchmarks/clips.py`),
-#: 48 frames at 0.1 bpp and preset fast: +0.73 dB in the mean, +0.34 to +1.1 dB by clip, over scale
+#: the coarse stage and the relocations on six clips (Bunny and those of `tests/benchmarks`), 48
+#: frames at 0.1 bpp and preset fast: +0.73 dB in the mean, +0.34 to +1.1 dB by clip, over scale
 #: and rotation 0.08, colour 0.02, beta2 0.98, coarse 0.5, relocations at 0.15, 0.3 and 0.45, and
 #: tuning of 0.12. `clips --table recipe`: clips-recipe.json against clips-recipe-before.json.
 #: Relocations looked at full frames in that run; at half size they give 0.04 dB less and take half
