@@ -16,6 +16,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples
 
 NAMES = Gop.__slots__
+Tensors = dict[str, Tensor]  #: parameters by the names of `Gop`
 
 _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
 
@@ -61,7 +62,7 @@ class Field:
             indicator = tensors["indicator"].detach().clamp(*_INDICATOR_RANGE)
             self.raw["indicator"] = torch.logit(indicator).requires_grad_()
 
-    def tensors(self) -> dict[str, Tensor]:
+    def tensors(self) -> Tensors:
         """The decoder's parameters, differentiable in `raw`, in the order of `Gop`."""
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:

@@ -10,15 +10,12 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.field import Field, Tensors, squared_error
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.render.backend import Backend, Samples
-
-Tensors = dict[str, Tensor]
 
 #: Attributes whose first two components are lengths along x and y.
 _LENGTHS = frozenset(("position", "linear", "quadratic", "xy"))

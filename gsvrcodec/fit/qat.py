@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-Tensors = dict[str, Tensor]
+from gsvrcodec.fit.field import Tensors
 
 
 def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
