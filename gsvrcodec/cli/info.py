@@ -159,12 +159,12 @@ def _gop_lines(info: FileInfo) -> Iterator[str]:
     """Yield a table of the GOPs."""
     base = info.metadata.time_base
     yield ""
-    yield "first frame  frames     start s   Gaussians  background          grid       bytes"
+    yield "first frame  frames     start s   Gaussians  background        grid       bytes"
     for gop in info.gops:
         grid = "x".join(map(str, gop.grid)) if any(gop.grid) else "-"
         yield (
             f"{gop.first_frame:>11}{gop.frames:>8}{float(gop.start_pts * base):>12.4f}"
-            f"{gop.gaussians:>12,}{gop.background or '-':>12}{grid:>14}{gop.bytes:>12,}"
+            f"{gop.gaussians:>12,}{gop.background or '-':>12}{grid:>12}{gop.bytes:>12,}"
         )
 
 
