@@ -319,7 +319,6 @@ class TestProgress:
         assert clock(seconds) == text
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 class TestTerminal:
     def ask(self, answer: bytes, *args: str | Path) -> tuple[int, str]:
         """Run gsvrdec on a terminal and type an answer, again until it is taken."""

@@ -128,50 +128,6 @@ def squared_error(
         return run.residual(targets, backdrop), run.gradients()
 
 
-def adam_step(
-    value: Tensor,
-    gradient: Tensor,
-    mean: Tensor,
-    square: Tensor,
-    rates: Tensor,
-    factor: float,
-    betas: tuple[float, float],
-    epsilon: float,
-    step: int,
-) -> None:
-    """One step of Adam in place.
-
-    Args:
-        value: what is optimised.
-        gradient: its gradient.
-        mean: first moment.
-        square: second moment.
-        rates: (components of the last axis,) learning rates, on the same device.
-        factor: of all rates.
-        betas: decay of the two moments.
-        epsilon: added to the root of the second moment.
-        step: number of this step, from 1.
-    """
-    if not value.numel():
-        return
-    beta1, beta2 = betas
-    with on_device(value.device):
-        adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
-            value,
-            gradient,
-            mean,
-            square,
-            rates,
-            value.numel(),
-            len(rates),
-            factor / (1 - beta1**step),
-            beta1,
-            beta2,
-            1 / (1 - beta2**step),
-            epsilon,
-        )
-
-
 class TritonBackend(Backend):
     """Renders on one GPU, or in Triton's interpreter."""
 
@@ -256,7 +212,24 @@ class TritonBackend(Backend):
         step: int,
     ) -> None:
         """Take one step of Adam in place."""
-        adam_step(value, gradient.contiguous(), mean, square, rates, factor, betas, epsilon, step)
+        if not value.numel():
+            return
+        beta1, beta2 = betas
+        with on_device(self._place):
+            adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
+                value,
+                gradient.contiguous(),
+                mean,
+                square,
+                rates,
+                value.numel(),
+                len(rates),
+                factor / (1 - beta1**step),
+                beta1,
+                beta2,
+                1 / (1 - beta2**step),
+                epsilon,
+            )
 
     def upload(self, samples: NDArray[Any]) -> Tensor:
         """Copy frames or a picture to the device."""
