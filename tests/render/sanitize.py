@@ -1,4 +1,4 @@
-"""The render tests on a core built with AddressSanitizer and UndefinedBehaviorSanitizer.
+"""Tests of the renderer on a core built with AddressSanitizer and UndefinedBehaviorSanitizer.
 
 `python -m tests.render.sanitize [BUILD_FOLDER] [-- PYTEST OPTIONS]` builds it (about a minute; with
 a folder that is kept, only what has changed), puts it into a copy of the package and runs the tests
@@ -15,7 +15,22 @@ import sys
 import tempfile
 from pathlib import Path
 
+from gsvrcodec.native import _entropy
 from tests.cmake_build import ROOT, build
+
+#: Tests of the core alone: no interpreted kernels, which are slow, and no processes of their own.
+_TESTS = [f"tests/render/test_{name}.py" for name in ("agreement", "robustness", "adam")]
+#: Runs pytest on the staged package: the hook of an editable install would load the installed one.
+_RUN = """
+import sys
+sys.path.insert(0, ".")
+sys.meta_path[:] = [f for f in sys.meta_path if "Redirecting" not in type(f).__name__]
+import pytest
+from gsvrcodec.native import _core
+from pathlib import Path
+assert Path(_core.__file__).is_relative_to(Path.cwd()), _core.__file__
+sys.exit(pytest.main(sys.argv[1:]))
+"""
 
 
 def output(*command: str) -> str:
@@ -40,6 +55,7 @@ def stage(core: Path, folder: Path) -> None:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("*.so"))
     shutil.copy(ROOT / "pyproject.toml", folder)
     shutil.copy(core, folder / "gsvrcodec" / "native")
+    shutil.copy(_entropy.__file__, folder / "gsvrcodec" / "native")
 
 
 def main() -> int:
@@ -59,9 +75,8 @@ def main() -> int:
             "ASAN_OPTIONS": "detect_leaks=0",
             "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1",
         }
-        # test_isa.py starts interpreters of its own, and fork() under ASan is slow.
-        command = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider"]
-        command += ["tests/render", "--ignore=tests/render/test_isa.py", *arguments[split + 1 :]]
+        command = [sys.executable, "-c", _RUN, "-q", "-n0", "-p", "no:cacheprovider", *_TESTS]
+        command += arguments[split + 1 :]
         return subprocess.run(command, cwd=staged, env=environment, check=False).returncode
 
 
