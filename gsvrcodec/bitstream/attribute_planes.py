@@ -1,4 +1,4 @@
-"""Parameter planes of a GOP or a background: quantisation and plane coding, both ways."""
+"""Parameter planes of a GOP: quantisation and plane coding, both ways."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.plane_table import PlaneEntry
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute, GopShape, GridKind
+from gsvrcodec.model.attributes import GopShape, GridKind
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.quantise import Precision, component, quantiser_of
 from gsvrcodec.planes import Codec, PlaneStack, decode_plane, encode_plane
@@ -22,16 +22,14 @@ def pack_planes(
     shape: GopShape,
     precision: Precision,
     codecs: Collection[Codec],
-    attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
 ) -> tuple[int, bytes]:
     """Quantise the values of attributes and code them as planes.
 
     Args:
         values: By attribute name; components in the last axis, Gaussians in stored order.
-        shape: Number of Gaussians and size of the tri-plane, which set the plane sizes.
+        shape: Counts of Gaussians and size of the tri-plane, which set the plane sizes.
         precision: Bits of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
-        attributes: Attributes to store, in table order.
 
     Returns:
         Number of planes, and the bytes of plane table and planes.
@@ -41,8 +39,8 @@ def pack_planes(
     """
     table: list[bytes] = []
     planes: list[bytes] = []
-    stacks = _plane_stacks(shape, attributes)
-    for attribute, part, width, height in shape.planes(attributes):
+    stacks = _plane_stacks(shape)
+    for attribute, part, width, height in shape.planes():
         samples = component(values[attribute.name], attribute, part)
         quantiser = quantiser_of(samples, attribute, part, precision)
         # Pad the last row with the last sample; decoders drop the padding.
@@ -63,7 +61,6 @@ def unpack_planes(
     offset: int,
     shape: GopShape,
     limits: Limits,
-    attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN),
 ) -> dict[str, Float32Array]:
     """Decode and dequantise the planes of a payload, from byte `offset` to its end.
 
@@ -81,7 +78,7 @@ def unpack_planes(
             "plane_samples", entry.width * entry.height, "the number of samples of a plane"
         )
     values: dict[str, Float32Array] = {}
-    stacks = _plane_stacks(shape, attributes)
+    stacks = _plane_stacks(shape)
     for entry in entries:
         attribute = entry.attribute
         stack = stacks[attribute.grid]
@@ -101,7 +98,7 @@ def unpack_planes(
             raise CorruptError(f"plane {entry.name}: {error.message}") from error
         stack.append(codes)
         plane = entry.quantiser.dequantise(codes)
-        if attribute.grid in ("gaussians", "background"):
+        if attribute.grid not in ("xy", "xt", "yt"):
             plane = plane.reshape(-1)[: shape.samples(attribute.grid)]
         if attribute.components == 1:
             values[attribute.name] = plane
@@ -112,12 +109,12 @@ def unpack_planes(
     return values
 
 
-def _plane_stacks(shape: GopShape, attributes: Sequence[Attribute]) -> dict[GridKind, PlaneStack]:
+def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:
     """An empty `PlaneStack` for each grid that has planes."""
-    count = Counter(attribute.grid for attribute, *_ in shape.planes(attributes))
+    count = Counter(attribute.grid for attribute, *_ in shape.planes())
     stacks = {}
     for kind, planes in count.items():
         width, height = shape.plane_size(kind)
-        # In a row of Gaussians x rises, so position.x guides codec 4 to the neighbours above.
+        # In a row of new Gaussians x rises, so position.x guides codec 4 to the neighbours above.
         stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
     return stacks

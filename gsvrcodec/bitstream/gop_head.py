@@ -8,10 +8,20 @@ from dataclasses import dataclass
 from gsvrcodec.bitstream.chunk import GOP_TYPE, ChunkEntry
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.errors import CorruptError
+from gsvrcodec.model.attributes import GopShape
 
-_SUMMARY = struct.Struct("<QIIqqQ")
-_SHAPE = struct.Struct("<HHHHII")
+_SUMMARY = struct.Struct("<QIIqqQI")
+_SHAPE = struct.Struct("<HHHHHHIIII")
 
+_FIELDS = (
+    "first_frame",
+    "frames",
+    "gaussians",
+    "start_pts",
+    "last_pts",
+    "last_duration",
+    "reference",
+)
 SUMMARY_BYTES = _SUMMARY.size
 GOP_HEAD_BYTES = _SUMMARY.size + _SHAPE.size
 
@@ -25,10 +35,22 @@ class GopSummary:
 
     first_frame: int  #: number of the GOP's first frame in the file, from 0
     frames: int  #: frames in the GOP, at least 1
-    gaussians: int  #: Gaussians N of the GOP, without its background
+    gaussians: int  #: Gaussians N of the GOP, those carried over included
     start_pts: int  #: presentation timestamp of the first frame, ticks
     last_pts: int  #: presentation timestamp of the last frame, ticks
     last_duration: int  #: duration of the last frame, ticks, 0 = not known
+    #: frames from the first frame of the reference to that of this GOP; 0 = key GOP
+    reference: int = 0
+
+    @property
+    def is_key(self) -> bool:
+        """Whether the GOP needs no other."""
+        return not self.reference
+
+    @property
+    def reference_frame(self) -> int:
+        """Number of the first frame of the reference; of a key GOP its own."""
+        return self.first_frame - self.reference
 
     @property
     def end_frame(self) -> int:
@@ -36,7 +58,7 @@ class GopSummary:
         return self.first_frame + self.frames
 
     def summary_bytes(self) -> bytes:
-        """The 40 bytes that GOP head and index entry have in common."""
+        """The 44 bytes that GOP head and index entry have in common."""
         return _SUMMARY.pack(
             self.first_frame,
             self.frames,
@@ -44,6 +66,7 @@ class GopSummary:
             self.start_pts,
             self.last_pts,
             self.last_duration,
+            self.reference,
         )
 
     def check(self) -> None:
@@ -60,6 +83,10 @@ class GopSummary:
             )
         if self.last_duration >= TICKS_BOUND:
             raise CorruptError(f"frame of {self.last_duration} ticks")
+        if self.reference > self.first_frame:
+            raise CorruptError(
+                f"reference {self.reference} frames before frame {self.first_frame}"
+            )
 
     def check_follows(self, previous: GopSummary | None) -> None:
         """Check that this GOP directly follows `previous`; None = this GOP must be the first.
@@ -78,28 +105,46 @@ class GopSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopHead(GopSummary):
-    """The first 56 bytes of a GOP's payload."""
+    """The first 72 bytes of a GOP's payload."""
 
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
     planes: int  #: entries of the plane table
-    background: int = 0  #: number of the background that the GOP shows; 0 = none
-    background_gaussians: int = 0  #: Gaussians of that background, shown or not
+    length: int = GOP_HEAD_BYTES  #: bytes of the head
+    carried_from: int = 0  #: Gaussians of the reference
+    dropped: int = 0  #: of these, Gaussians that the GOP does not take over
+    changed: int = 0  #: of these, Gaussians whose look changes
+    moved: int = 0  #: of these, Gaussians that move
 
     @property
-    def most_drawn(self) -> int:
-        """Gaussians of the GOP and of its background: the most that a frame can draw."""
-        return self.gaussians + self.background_gaussians
+    def new(self) -> int:
+        """Gaussians that the GOP does not take over from its reference."""
+        return self.gaussians - (self.carried_from - self.dropped)
+
+    @property
+    def shape(self) -> GopShape:
+        """Counts and sizes, from which the sizes of the planes follow."""
+        return GopShape(self.new, self.grid, self.carried_from, self.changed, self.moved)
 
     def to_bytes(self) -> bytes:
-        """The 56 bytes of the head."""
-        shape = _SHAPE.pack(*self.grid, self.planes, self.background, self.background_gaussians)
+        """The 72 bytes of the head."""
+        shape = _SHAPE.pack(
+            self.length,
+            self.planes,
+            *self.grid,
+            0,
+            self.carried_from,
+            self.dropped,
+            self.changed,
+            self.moved,
+        )
         return self.summary_bytes() + shape
 
     def check_maxima(self, header: Header) -> None:
         """Raise a CorruptError if the GOP exceeds a maximum of the header."""
-        if self.most_drawn > header.max_gaussians:
+        most = max(self.gaussians, self.carried_from)
+        if most > header.max_gaussians:
             raise CorruptError(
-                f"{self.most_drawn} Gaussians, the header's maximum is {header.max_gaussians}"
+                f"{most} Gaussians, the header's maximum is {header.max_gaussians}"
             )
         if self.frames > header.max_gop_frames:
             raise CorruptError(
@@ -125,18 +170,8 @@ class GopEntry(GopSummary):
 
 
 def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
-    """Parse and check a summary, the first 40 bytes of `data`, of the GOP in `chunk`."""
-    first_frame, frames, gaussians, start, last, duration = _SUMMARY.unpack_from(data)
-    entry = GopEntry(
-        first_frame=first_frame,
-        frames=frames,
-        gaussians=gaussians,
-        start_pts=start,
-        last_pts=last,
-        last_duration=duration,
-        offset=chunk.offset,
-        size=chunk.size,
-    )
+    """Parse and check a summary, the first 44 bytes of `data`, of the GOP in `chunk`."""
+    entry = GopEntry(**_summary(data), offset=chunk.offset, size=chunk.size)
     entry.check()
     return entry
 
@@ -149,25 +184,35 @@ def parse_gop_head(payload: bytes) -> GopHead:
     """
     if len(payload) < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP of {len(payload)} bytes, its head alone takes {GOP_HEAD_BYTES}")
-    first_frame, frames, gaussians, start, last, duration = _SUMMARY.unpack_from(payload)
-    gx, gy, gt, planes, background, background_gaussians = _SHAPE.unpack_from(
+    length, planes, gx, gy, gt, zero, carried_from, dropped, changed, moved = _SHAPE.unpack_from(
         payload, _SUMMARY.size
     )
     head = GopHead(
-        first_frame=first_frame,
-        frames=frames,
-        gaussians=gaussians,
-        start_pts=start,
-        last_pts=last,
-        last_duration=duration,
+        **_summary(payload),
         grid=(gx, gy, gt),
         planes=planes,
-        background=background,
-        background_gaussians=background_gaussians,
+        length=length,
+        carried_from=carried_from,
+        dropped=dropped,
+        changed=changed,
+        moved=moved,
     )
     head.check()
-    if (background == 0) != (background_gaussians == 0):
-        raise CorruptError(f"background {background} of {background_gaussians} Gaussians")
+    if length != GOP_HEAD_BYTES or zero:
+        raise CorruptError(f"GOP head of {length} bytes, expected {GOP_HEAD_BYTES}")
+    if carried_from and head.is_key:
+        raise CorruptError(f"key GOP that carries {carried_from} Gaussians")
+    kept = carried_from - dropped
+    if not (0 <= kept <= head.gaussians and changed <= kept and moved <= kept):
+        raise CorruptError(
+            f"{head.gaussians} Gaussians of which {carried_from} - {dropped} are carried over, "
+            f"{changed} changed and {moved} moved"
+        )
     if any(head.grid) and not all(head.grid):
         raise CorruptError(f"tri-plane of {gx}x{gy}x{gt}, expected no size zero or all")
     return head
+
+
+def _summary(data: bytes) -> dict[str, int]:
+    """The fields of a summary."""
+    return dict(zip(_FIELDS, _SUMMARY.unpack_from(data), strict=True))

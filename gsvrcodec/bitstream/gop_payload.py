@@ -15,25 +15,47 @@ from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, GopShape
+from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, GopShape
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, carry_over
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS, Codec
+
+#: Field of `Carried` that each attribute of carried Gaussians is stored from.
+_FIELDS = {a: a.change_of or a.name for a in CARRIED_ATTRIBUTES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GopContent:
     """Decoded content of a GOP chunk."""
 
-    gop: Gop  #: Gaussians and deformation field
+    new: Gop  #: new Gaussians and the deformation field; all Gaussians of a key GOP
     first_frame: int  #: number of the GOP's first frame in the file
     pts: Ticks  #: (F,) presentation timestamps, ticks, strictly increasing
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
-    background: int = 0  #: number of the background that the GOP shows; 0 = none
-    #: (Gaussians of the background,) which of them the GOP shows; None = no background
-    shown: NDArray[np.bool_] | None = None
+    reference: int = 0  #: frames from the reference's first frame to this GOP's; 0 = key GOP
+    carried: Carried | None = None  #: how the reference's Gaussians go on; None = key GOP
+
+    def gop(self, reference: Gop | None, frames: int) -> Gop:
+        """Return the whole GOP.
+
+        Args:
+            reference: the GOP that this one refers to; None for a key GOP.
+            frames: of the reference.
+
+        Raises:
+            CorruptError: The reference has another number of Gaussians than the GOP expects.
+        """
+        if self.carried is None or reference is None:
+            return self.new
+        if len(reference) != len(self.carried.mode):
+            raise CorruptError(
+                f"the reference has {len(reference)} Gaussians, "
+                f"the GOP expects {len(self.carried.mode)}"
+            )
+        return carry_over(reference, frames, self.carried, self.new)
 
 
 def pack_gop(
@@ -44,55 +66,65 @@ def pack_gop(
     precision: Precision,
     codecs: Collection[Codec] = PACKS["auto"],
     *,
-    background: int = 0,
-    shown: NDArray[np.bool_] | None = None,
+    reference: int = 0,
+    carried: Carried | None = None,
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
     Args:
-        gop: The GOP to store; all values finite.
+        gop: The GOP to store; of a predicted one the new Gaussians alone. All values are finite.
         pts: Shape (F,), strictly increasing, ticks.
         durations: Shape (F,), ticks, 0 = not known.
         first_frame: Number of the GOP's first frame in the file.
         precision: Bits (1 to 16) of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
-        background: Number of the background that the GOP shows; 0 = none.
-        shown: Shape (Gaussians of the background,), which of them the GOP shows, in stored order;
-            None = no background.
+        reference: Frames from the first frame of the reference to that of the GOP; 0 = key GOP.
+        carried: How the Gaussians of the reference go on; None = key GOP.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
     """
     if not 1 <= len(pts) == len(durations):
         raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
-    shape = GopShape(len(gop), grid_size(gop), 0 if shown is None else len(shown))
     order = strip_order(gop.position)
     values: dict[str, NDArray[np.floating]] = {}
     for attribute in ATTRIBUTES:
         samples: Float32Array = getattr(gop, attribute.name)
         values[attribute.name] = samples[order] if attribute.grid == "gaussians" else samples
-    if shown is not None:
-        values[SHOWN.name] = shown.astype(np.float32)
+    shape, kept, dropped = GopShape(len(gop), grid_size(gop)), 0, 0
+    if carried is not None:
+        values |= {a.name: getattr(carried, field) for a, field in _FIELDS.items()}
+        values[MODE.name] = carried.mode.astype(np.float32)
+        kept = carried.kept
+        dropped = len(carried.mode) - kept
+        shape = GopShape(
+            len(gop),
+            grid_size(gop),
+            len(carried.mode),
+            len(carried.position),
+            len(carried.indicator),
+        )
     planes, data = pack_planes(values, shape, precision, codecs)
     head = GopHead(
         first_frame=first_frame,
         frames=len(pts),
-        gaussians=shape.gaussians,
+        gaussians=kept + len(gop),
         start_pts=int(pts[0]),
         last_pts=int(pts[-1]),
         last_duration=int(durations[-1]),
+        reference=reference,
         grid=shape.grid,
         planes=planes,
-        background=background,
-        background_gaussians=shape.background,
+        carried_from=shape.reference,
+        dropped=dropped,
+        changed=shape.changed,
+        moved=shape.moved,
     )
     return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
 
 
 def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     """Decode the payload of a GOP chunk.
-
-    The result is without the Gaussians of the background; `append_background` adds them.
 
     Args:
         payload: Of the GOP chunk.
@@ -105,16 +137,10 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
         LimitError: The GOP is over `limits`.
     """
     head, pts, durations, entries, offset = _parse(payload, header, limits)
-    shape = _shape(head)
-    values = unpack_planes(entries, payload, offset, shape, limits)
-    shown = values.pop(SHOWN.name, None)
+    values = unpack_planes(entries, payload, offset, head.shape, limits)
+    carried = None if head.is_key else _carried(values, head)
     return GopContent(
-        _gop(values, head),
-        head.first_frame,
-        pts,
-        durations,
-        head.background,
-        None if shown is None else shown != 0,
+        _gop(values, head.shape), head.first_frame, pts, durations, head.reference, carried
     )
 
 
@@ -129,7 +155,8 @@ def _parse(
     """Head, timestamps, durations, plane table, and the offset of the first plane."""
     head = parse_gop_head(payload)
     head.check_maxima(header)
-    limits.check("gaussians", head.most_drawn, "the number of Gaussians in a GOP")
+    limits.check("gaussians", head.gaussians, "the number of Gaussians in a GOP")
+    limits.check("gaussians", head.carried_from, "the number of Gaussians in a reference")
     limits.check("gop_frames", head.frames, "the number of frames in a GOP")
     pts, durations, offset = unpack_timing(payload, GOP_HEAD_BYTES, head.start_pts, head.frames)
     if (int(pts[-1]), int(durations[-1])) != (head.last_pts, head.last_duration):
@@ -137,20 +164,41 @@ def _parse(
             f"last frame at {pts[-1]} for {durations[-1]} ticks, "
             f"the GOP's head says {head.last_pts} for {head.last_duration}"
         )
-    entries, offset = parse_plane_table(payload, offset, head.planes, _shape(head).planes())
+    entries, offset = parse_plane_table(payload, offset, head.planes, head.shape.planes())
     return head, pts, durations, entries, offset
 
 
-def _shape(head: GopHead) -> GopShape:
-    return GopShape(head.gaussians, head.grid, head.background_gaussians)
+def _carried(values: dict[str, Float32Array], head: GopHead) -> Carried:
+    """How the Gaussians of the reference go on; checks that modes and counts agree."""
+    found = {
+        field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()
+    }
+    mode = found.pop(MODE.name).astype(np.uint8)
+    counts = [
+        int((mode == DROPPED).sum()),
+        int(((mode & CHANGED) != 0).sum()),
+        int(((mode & MOVED) != 0).sum()),
+    ]
+    if mode.size and mode.max() > DROPPED:
+        raise CorruptError(f"mode {mode.max()} of a Gaussian, expected at most {DROPPED}")
+    if counts != [head.dropped, head.changed, head.moved]:
+        raise CorruptError(
+            "{} Gaussians are dropped, {} changed and {} moved".format(*counts)
+            + f", the GOP's head says {head.dropped}, {head.changed} and {head.moved}"
+        )
+    return Carried(mode=mode, **found)
 
 
-def _gop(values: dict[str, Float32Array], head: GopHead) -> Gop:
+def _gop(values: dict[str, Float32Array], shape: GopShape) -> Gop:
     """The GOP of decoded values; attributes without a plane become empty arrays."""
-    gx, gy, gt = head.grid
-    sizes = {"gaussians": (head.gaussians,), "xy": (gy, gx), "xt": (gt, gx), "yt": (gt, gy)}
+    gx, gy, gt = shape.grid
+    sizes = {"gaussians": (shape.gaussians,), "xy": (gy, gx), "xt": (gt, gx), "yt": (gt, gy)}
     for attribute in ATTRIBUTES:
         if attribute.name not in values:
             tail = (attribute.components,) if attribute.components > 1 else ()
             values[attribute.name] = np.empty((*sizes[attribute.grid], *tail), np.float32)
     return Gop(**{field.name: np.ascontiguousarray(values[field.name]) for field in fields(Gop)})
+
+
+def _no_values(components: int) -> Float32Array:
+    return np.empty((0, components) if components > 1 else 0, np.float32)

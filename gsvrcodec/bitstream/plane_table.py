@@ -13,7 +13,7 @@ from gsvrcodec.model.quantise import Quantiser
 from gsvrcodec.planes.samples import MAX_BITS
 from gsvrcodec.planes.table import Codec
 
-_ENTRY = struct.Struct("<BBBBHHffI")
+_ENTRY = struct.Struct("<BBBBffI")
 PLANE_ENTRY_BYTES = _ENTRY.size
 
 
@@ -37,14 +37,12 @@ class PlaneEntry:
         return f"{self.attribute.name}.{self.component}"
 
     def to_bytes(self) -> bytes:
-        """The 20 bytes of the entry."""
+        """The 16 bytes of the entry."""
         return _ENTRY.pack(
             self.attribute.id,
             self.component,
             self.codec,
             self.quantiser.bits,
-            self.width,
-            self.height,
             self.quantiser.offset,
             self.quantiser.step,
             self.size,
@@ -60,7 +58,7 @@ def parse_plane_table(
     """Parse a plane table, and check that the planes behind the table end with the payload.
 
     Args:
-        payload: Payload of a GOP or background chunk.
+        payload: Payload of a GOP chunk.
         offset: Byte offset of the table in the payload.
         planes: Number of entries by the payload's head.
         expected: Required entries: attribute, component, width, height.
@@ -85,14 +83,10 @@ def parse_plane_table(
         raise CorruptError(f"{len(raw)} planes, expected {len(expected)}")
     entries = []
     for fields, (attribute, component, width, height) in zip(raw, expected, strict=True):
-        attribute_id, part, codec, bits, found_width, found_height, start, step, size = fields
+        attribute_id, part, codec, bits, start, step, size = fields
         if (attribute_id, part) != (attribute.id, component):
             raise CorruptError(
                 f"plane {attribute_id}.{part} where {attribute.id}.{component} is expected"
-            )
-        if (found_width, found_height) != (width, height):
-            raise CorruptError(
-                f"plane {attribute.name} of {found_width}x{found_height}, expected {width}x{height}"
             )
         quantiser = _quantiser(attribute, codec, bits, start, step)
         entries.append(

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.background import append_gaussians
+from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples
 

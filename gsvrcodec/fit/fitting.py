@@ -21,7 +21,7 @@ from gsvrcodec.fit.recipe import MAIN, PAPER
 from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.fit.tuned import EFFORT, STAGED
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.background import append_gaussians
+from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS
 from gsvrcodec.render.backend import Backend

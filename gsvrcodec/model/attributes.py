@@ -9,7 +9,7 @@ from typing import Literal
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS
 
-GridKind = Literal["gaussians", "xy", "xt", "yt", "background"]
+GridKind = Literal["gaussians", "xy", "xt", "yt", "reference", "changed", "moved"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,7 @@ class Attribute:
     grid: GridKind  #: grid of the samples, which sets the size of the planes
     low: float  #: least allowed decoded value
     high: float  #: greatest allowed decoded value
+    change_of: str = ""  #: attribute whose change this is, and whose steps it has; "" = none
 
 
 #: In the order of the plane table. The bounds keep every float32 of the reconstruction finite.
@@ -37,48 +38,60 @@ ATTRIBUTES = (
     Attribute(8, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
     Attribute(9, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
 )
-#: Mask of a GOP over the Gaussians of its background: 1 = shown, 0 = not.
-SHOWN = Attribute(10, "shown", 1, "background", 0.0, 1.0)
-#: Attributes of a background's Gaussians, which are static.
-STATIC_ATTRIBUTES = ATTRIBUTES[:4]
-ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in (*ATTRIBUTES, SHOWN)}
+#: How each Gaussian of the reference goes on; see `gsvrcodec.model.prediction`.
+MODE = Attribute(10, "mode", 1, "reference", 0.0, 7.0)
+#: What a predicted GOP stores of the Gaussians that it carries over.
+CARRIED_ATTRIBUTES = (
+    MODE,
+    Attribute(11, "position_change", 2, "changed", -1024.0, 1024.0, "position"),
+    Attribute(12, "log_scale_change", 2, "changed", -45.0, 45.0, "log_scale"),
+    Attribute(13, "rotation_change", 1, "changed", -64.0, 64.0, "rotation"),
+    Attribute(14, "colour_change", 3, "changed", -65536.0, 65536.0, "colour"),
+    Attribute(15, "carried_indicator", 1, "moved", -2.0, 2.0, "indicator"),
+    Attribute(16, "carried_linear", 2, "moved", -1024.0, 1024.0, "linear"),
+    Attribute(17, "carried_quadratic", 2, "moved", -1024.0, 1024.0, "quadratic"),
+)
+#: Every attribute, in the order of the plane table.
+ALL_ATTRIBUTES = (*ATTRIBUTES, *CARRIED_ATTRIBUTES)
+ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in ALL_ATTRIBUTES}
 
 
 @dataclass(frozen=True, slots=True)
 class GopShape:
-    """Counts and grid sizes of a GOP or a background, from which all plane sizes follow."""
+    """Counts and grid sizes of a GOP, from which all plane sizes follow."""
 
-    gaussians: int  #: Gaussians N
+    gaussians: int  #: new Gaussians; in a key GOP all of them
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
-    background: int = 0  #: Gaussians of the background; 0 = none
+    reference: int = 0  #: Gaussians M of the reference; 0 = key GOP, or nothing to carry over
+    changed: int = 0  #: of these, Gaussians whose look changes
+    moved: int = 0  #: of these, Gaussians that move
 
     def plane_size(self, kind: GridKind) -> tuple[int, int]:
         """Width and height of the planes of one grid; (0, 0) = the grid has no planes.
 
-        Gaussians fill a grid of ceil(sqrt(N)) columns, row by row.
+        Lists of Gaussians fill a grid of ceil(sqrt(count)) columns, row by row.
         """
-        if kind in ("gaussians", "background"):
-            count = self.gaussians if kind == "gaussians" else self.background
-            if not count:
-                return 0, 0
-            width = isqrt(count - 1) + 1
-            return width, -(-count // width)
-        gx, gy, gt = self.grid
-        return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
+        if kind in ("xy", "xt", "yt"):
+            gx, gy, gt = self.grid
+            return {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}[kind]
+        count = self.samples(kind)
+        if not count:
+            return 0, 0
+        width = isqrt(count - 1) + 1
+        return width, -(-count // width)
 
     def samples(self, kind: GridKind) -> int:
         """Samples in a plane of one grid, without the padding of the last row."""
-        if kind in ("gaussians", "background"):
-            return self.gaussians if kind == "gaussians" else self.background
-        width, height = self.plane_size(kind)
-        return width * height
+        if kind in ("xy", "xt", "yt"):
+            width, height = self.plane_size(kind)
+            return width * height
+        count: int = getattr(self, kind)
+        return count
 
-    def planes(
-        self, attributes: Sequence[Attribute] = (*ATTRIBUTES, SHOWN)
-    ) -> list[tuple[Attribute, int, int, int]]:
+    def planes(self) -> list[tuple[Attribute, int, int, int]]:
         """The planes of this shape in table order: attribute, component, width, height."""
         planes = []
-        for attribute in attributes:
+        for attribute in ALL_ATTRIBUTES:
             width, height = self.plane_size(attribute.grid)
             if width:
                 planes += [(attribute, part, width, height) for part in range(attribute.components)]

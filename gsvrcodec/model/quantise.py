@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN, Attribute
+from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop
 
 _MAX_BITS = 16
@@ -51,7 +51,7 @@ class Quantiser:
         Raises:
             ValueError: A value is not finite.
         """
-        wanted = precision[attribute.name]
+        wanted = precision[attribute.change_of or attribute.name]
         if isinstance(wanted, int):
             return cls.fit(values, wanted)
         return cls.of_step(values, wanted[part], (attribute.low, attribute.high))
@@ -121,8 +121,8 @@ class Quantiser:
         return (codes * np.float64(self.step) + self.offset).astype(np.float32)
 
 
-#: Quantiser of the mask `shown`: one bit.
-_MASK = Quantiser(1, 0.0, 1.0)
+#: Quantiser of `mode`; the greatest mode is 4.
+_MODES = Quantiser(3, 0.0, 1.0)
 
 
 def component(
@@ -143,8 +143,8 @@ def quantiser_of(
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
     """
-    if attribute is SHOWN:
-        return _MASK
+    if attribute is MODE:
+        return _MODES
     quantiser = Quantiser.choose(values, attribute, part, precision)
     if quantiser.offset < attribute.low or quantiser.last > attribute.high:
         raise ValueError(

@@ -1,28 +1,16 @@
-"""Backgrounds: static Gaussians that several GOPs share (spec section 5.5)."""
+"""Static Gaussians: their GOP, and Gaussians chosen from and joined to a GOP."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 
-#: Stored numbers of one Gaussian of a background: position 2, scale 2, rotation, colour 3.
-BACKGROUND_PARAMETERS = 8
-
 _GAUSSIAN_ATTRIBUTES = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Background:
-    """Static Gaussians that several GOPs may show."""
-
-    number: int  #: number by which GOPs refer to the background, from 1
-    gop: Gop  #: the Gaussians in stored order, as a GOP without motion and without a tri-plane
 
 
 def static_gop(
@@ -67,31 +55,3 @@ def append_gaussians(gop: Gop, static: Gop) -> Gop:
         for name in _GAUSSIAN_ATTRIBUTES
     }
     return replace(gop, **both)
-
-
-def check_shown(background: Background, shown: NDArray[np.bool_]) -> None:
-    """Check that the mask `shown` of a GOP has one value for each Gaussian of its background.
-
-    Raises:
-        CorruptError: The background has another number of Gaussians than `shown`.
-    """
-    if len(shown) != len(background.gop):
-        raise CorruptError(
-            f"background {background.number} has {len(background.gop)} Gaussians, "
-            f"the GOP expects {len(shown)}"
-        )
-
-
-def append_background(gop: Gop, background: Background, shown: NDArray[np.bool_]) -> Gop:
-    """Return a GOP with the Gaussians of its background that it shows behind its own.
-
-    Args:
-        gop: The GOP.
-        background: The background that the GOP refers to.
-        shown: Shape (Gaussians of the background,), which of them the GOP shows.
-
-    Raises:
-        CorruptError: The background has another number of Gaussians than `shown`.
-    """
-    check_shown(background, shown)
-    return append_gaussians(gop, select_gaussians(background.gop, shown))

@@ -1,0 +1,152 @@
+"""Prediction: a GOP takes Gaussians over from an earlier one (spec section "Prediction").
+
+The earlier GOP is the reference. Each of its Gaussians goes on from where and as it was drawn at
+the end of the reference, and one frame farther along its way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import MIN_SCALE
+
+#: Bits of a mode. Neither: the Gaussian is kept as it is and stands still.
+MOVED = 1  #: it has an indicator and a motion
+CHANGED = 2  #: position, scales, rotation and colour change
+#: The mode of a Gaussian that the GOP does not take over.
+DROPPED = 4
+
+Modes = NDArray[np.uint8]
+
+_LOOK = ("position", "log_scale", "rotation", "colour")
+_BOUNDS = {a.name: (a.low, a.high) for a in ATTRIBUTES}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carried:
+    """What a predicted GOP stores of the Gaussians of its reference."""
+
+    mode: Modes  #: (M,) of each Gaussian of the reference
+    # Changes of the C Gaussians with the bit CHANGED, in the order of the reference.
+    position: Float32Array  #: (C, 2) the frame spans [-1, 1]
+    log_scale: Float32Array  #: (C, 2)
+    rotation: Float32Array  #: (C,) radians
+    colour: Float32Array  #: (C, 3)
+    # Motion of the V Gaussians with the bit MOVED, in the order of the reference.
+    indicator: Float32Array  #: (V,)
+    linear: Float32Array  #: (V, 2)
+    quadratic: Float32Array  #: (V, 2)
+
+    @property
+    def kept(self) -> int:
+        """Number of Gaussians that the GOP takes over."""
+        return int((self.mode != DROPPED).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Gaussians as drawn at one moment: N of them."""
+
+    position: Float32Array  #: (N, 2) centre; the frame spans [-1, 1]
+    log_scale: Float32Array  #: (N, 2) natural logarithm of sigma in pixels of the coded frame
+    rotation: Float32Array  #: (N,) radians
+    colour: Float32Array  #: (N, 3)
+
+    def __getitem__(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Look:
+        """Select Gaussians."""
+        return Look(*(getattr(self, name)[chosen] for name in _LOOK))
+
+
+def look_at(gop: Gop, tau: float, ahead: float = 0.0) -> Look:
+    """Return the Gaussians as drawn at a time.
+
+    Args:
+        gop: N Gaussians and their deformation.
+        tau: normalised time.
+        ahead: how much farther the Gaussians go in a straight line, in units of tau.
+    """
+    position = gop.position.astype(np.float64)
+    position += (tau + ahead) * gop.linear.astype(np.float64)
+    position += (tau * tau + 2 * tau * ahead) * gop.quadratic.astype(np.float64)
+    log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
+    if gop.xy.size:
+        bent = np.flatnonzero(gop.indicator != 1)
+        offset = (1 - gop.indicator[bent, None].astype(np.float64)) * _triplane(
+            gop, gop.position[bent], tau
+        )
+        position[bent] += offset[:, :2]
+        scale = np.exp(log_scale[bent].astype(np.float64)) + offset[:, 2:4]
+        log_scale[bent] = np.log(np.maximum(scale, MIN_SCALE))
+        rotation[bent] += offset[:, 4].astype(np.float32)
+        colour[bent] += offset[:, 5:].astype(np.float32)
+    return Look(position.astype(np.float32), log_scale, rotation, colour)
+
+
+def look_after(reference: Gop, frames: int) -> Look:
+    """Return the Gaussians of a reference of so many frames, one mean frame after its last."""
+    if frames < 2:
+        return look_at(reference, 0.0)
+    return look_at(reference, 1.0, 2 / (frames - 1))
+
+
+def carry_over(reference: Gop, frames: int, carried: Carried, new: Gop) -> Gop:
+    """Return a predicted GOP.
+
+    Args:
+        reference: the GOP that it is predicted from; M Gaussians.
+        frames: of the reference.
+        carried: how its Gaussians go on.
+        new: the GOP's other Gaussians, and its tri-plane.
+
+    Returns:
+        The Gaussians that are not dropped, in the order of the reference, and the new ones.
+    """
+    look, mode = look_after(reference, frames), carried.mode
+    changed, moved = (mode & CHANGED) != 0, (mode & MOVED) != 0
+    count = len(mode)
+    values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
+    for name, value in values.items():
+        value[changed] += getattr(carried, name)
+        np.clip(value, *_BOUNDS[name], out=value)
+    values["indicator"] = np.ones(count, np.float32)
+    values["linear"] = np.zeros((count, 2), np.float32)
+    values["quadratic"] = np.zeros((count, 2), np.float32)
+    for name in ("indicator", "linear", "quadratic"):
+        values[name][moved] = getattr(carried, name)
+    # At tau = -1 the Gaussian is where the reference left it, and where the change takes it.
+    values["position"] += values["linear"] - values["quadratic"]
+    kept = mode != DROPPED
+    both = {name: np.concatenate([v[kept], getattr(new, name)]) for name, v in values.items()}
+    return replace(new, **both)
+
+
+def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float64]:
+    """Look the tri-plane up at positions (N, 2) and one time, (N, 8)."""
+    x, y = position.astype(np.float64).T
+    rows, columns, _ = gop.xy.shape
+    x0, x1, fx = _cell(x, columns)
+    y0, y1, fy = _cell(y, rows)
+    flat = gop.xy.reshape(rows * columns, -1).astype(np.float64)
+    top = flat[y0 * columns + x0] * (1 - fx) + flat[y0 * columns + x1] * fx
+    bottom = flat[y1 * columns + x0] * (1 - fx) + flat[y1 * columns + x1] * fx
+    offset: NDArray[np.float64] = top * (1 - fy) + bottom * fy
+    t0, t1, ft = _cell(np.array([tau]), gop.xt.shape[0])
+    along_x = gop.xt[t0[0]].astype(np.float64) * (1 - ft[0]) + gop.xt[t1[0]] * ft[0]
+    along_y = gop.yt[t0[0]].astype(np.float64) * (1 - ft[0]) + gop.yt[t1[0]] * ft[0]
+    offset *= along_x[x0] * (1 - fx) + along_x[x1] * fx
+    offset *= along_y[y0] * (1 - fy) + along_y[y1] * fy
+    return offset
+
+
+def _cell(
+    at: NDArray[np.float64], size: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the grid points before and behind positions in [-1, 1], and the fraction between."""
+    u = np.clip((at + 1) / 2 * (size - 1), 0, size - 1)
+    low = u.astype(np.intp)
+    return low, np.minimum(low + 1, size - 1), (u - low)[:, None]
