@@ -84,9 +84,7 @@ class GopSummary:
         if self.last_duration >= TICKS_BOUND:
             raise CorruptError(f"frame of {self.last_duration} ticks")
         if self.reference > self.first_frame:
-            raise CorruptError(
-                f"reference {self.reference} frames before frame {self.first_frame}"
-            )
+            raise CorruptError(f"reference {self.reference} frames before frame {self.first_frame}")
 
     def check_follows(self, previous: GopSummary | None) -> None:
         """Check that this GOP directly follows `previous`; None = this GOP must be the first.
@@ -143,9 +141,7 @@ class GopHead(GopSummary):
         """Raise a CorruptError if the GOP exceeds a maximum of the header."""
         most = max(self.gaussians, self.carried_from)
         if most > header.max_gaussians:
-            raise CorruptError(
-                f"{most} Gaussians, the header's maximum is {header.max_gaussians}"
-            )
+            raise CorruptError(f"{most} Gaussians, the header's maximum is {header.max_gaussians}")
         if self.frames > header.max_gop_frames:
             raise CorruptError(
                 f"{self.frames} frames, the header's maximum is {header.max_gop_frames}"

@@ -170,9 +170,7 @@ def _parse(
 
 def _carried(values: dict[str, Float32Array], head: GopHead) -> Carried:
     """How the Gaussians of the reference go on; checks that modes and counts agree."""
-    found = {
-        field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()
-    }
+    found = {field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()}
     mode = found.pop(MODE.name).astype(np.uint8)
     counts = [
         int((mode == DROPPED).sum()),

@@ -99,7 +99,7 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=0),
     default=_DEFAULTS.workers,
     metavar="N",
-    help="Worker processes, each encoding one GOP at a time; they share the threads. 0 = chosen by "
+    help="Worker processes, each encoding one chain of GOPs at a time; they share the threads. 0 = chosen by "
     "length of the encode. Does not change the file.",
 )
 @threads_option
@@ -174,12 +174,14 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=1),
     default=_DEFAULTS.gop_max,
     metavar="N",
-    help="Longest adaptive GOP, frames; by default 32, up to 128 at low rates.",
+    help="Longest adaptive GOP, frames; by default 16, without prediction 32 to 128.",
 )
 @click.option(
-    "--backgrounds/--no-backgrounds",
-    default=_DEFAULTS.backgrounds,
-    help="Store static content that several GOPs share once, as a background.",
+    "--keyint",
+    type=float,
+    default=_DEFAULTS.keyint,
+    metavar="SECONDS",
+    help="Longest time between key GOPs, which need no other GOP; 0 = key GOPs only.",
 )
 @click.option(
     "--profile",

@@ -65,12 +65,7 @@ class EncodeDisplay(_Display):
 
     def __call__(self, state: Progress) -> None:
         """Show the state of an encode."""
-        parts = (
-            [f"background {state.background}/{state.backgrounds}"]
-            if state.background < state.backgrounds
-            else []
-        )
-        parts += [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
+        parts = [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
         if state.psnr is not None:
             parts.append(f"{state.psnr:.2f} dB")
         if state.seconds_per_frame is not None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from gsvrcodec.encoder.tuned import ANALYSIS
 from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, motion_degree, resize
+from gsvrcodec.fit.start import gradient
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,7 @@ class FrameStats:
     #: mean squared difference to the motion-compensated frame before, squared 8-bit codes
     change: float = 0.0
     detail: float = 0.0  #: mean squared gradient, squared 8-bit codes
+    moving: float = 1.0  #: fraction of the detail that moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,8 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
             else:
                 flow = estimate(previous, small)
                 change = _change(previous, small, flow)
-                yield FrameStats(motion_degree(flow), False, change, detail)
+                moving = _moving(small, flow)
+                yield FrameStats(motion_degree(flow), False, change, detail, moving)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
 
@@ -81,6 +84,13 @@ def _detail(image: Image) -> float:
     values = image.astype(np.float32)
     gradients = (np.diff(values, axis=axis) for axis in (0, 1))
     return sum(float(np.square(g).mean()) if g.size else 0.0 for g in gradients)
+
+
+def _moving(image: Image, flow: FlowField) -> float:
+    detail = gradient(image)
+    total = float(detail.sum())
+    moves = np.hypot(flow[..., 0], flow[..., 1]) > ANALYSIS.moves_px
+    return float(detail[moves].sum()) / total if total else 0.0
 
 
 def _change(previous: Image, image: Image, flow: FlowField) -> float:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import TRIPLANE
+from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.tuned import CHAIN, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
 
@@ -49,11 +50,11 @@ def grid_parameters(grid: GridSize) -> int:
     return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)
 
 
-def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
-    """Gaussians of each GOP, when no size and no quality is asked for.
+def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
+    """Gaussians of the GOPs of each chain, when no size and no quality is asked for.
 
-    Parameters are shared by length: every frame has as many. A GOP has at least one Gaussian, and
-    at most one for each two pixels of a frame.
+    Stored numbers are shared by length: every frame has as many. A predicted GOP counts for a part
+    of its numbers. A GOP has at least one Gaussian, and at most one for each two pixels of a frame.
 
     Raises:
         UsageError: `params` does not even hold the tri-planes.
@@ -61,8 +62,10 @@ def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSetti
     width, height = size
     most = most_gaussians(size)
     if settings.gaussians is not None:
-        return [settings.gaussians] * len(gops)
-    frames = sum(len(gop) for gop in gops)
+        return [settings.gaussians] * len(chains)
+    gops = [gop for chain in chains for gop in chain]
+    frames = sum(map(len, gops))
+    wholes = [1 + CHAIN.stored * (len(chain) - 1) for chain in chains]
     total = settings.params or round(DEFAULT_DENSITY * width * height * frames)
     planes = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
     left = total - sum(planes)
@@ -76,4 +79,8 @@ def allocate(gops: Sequence[range], size: tuple[int, int], settings: EncodeSetti
             "raise `params` or use longer GOPs"
         )
     spare = left // GAUSSIAN_PARAMETERS - len(gops)
-    return [min(most, 1 + spare * len(gop) // frames) for gop in gops]
+    lengths = [sum(map(len, chain)) for chain in chains]
+    return [
+        min(most, 1 + int(spare * length / (frames * whole)))
+        for length, whole in zip(lengths, wholes, strict=True)
+    ]

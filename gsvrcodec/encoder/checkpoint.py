@@ -4,7 +4,6 @@ The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature 
 
     plan  JSON object: what the encode was begun with
     stat  JSON object: the analysis of the input
-    bkgd  a finished background: its payload
     part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
 
 Nothing is believed without its CRC; what a kill or a power cut left half-written is dropped.
@@ -23,7 +22,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import parse_background_head
 from gsvrcodec.bitstream.chunk import (
     HEAD_BYTES,
     OVERHEAD_BYTES,
@@ -33,12 +31,13 @@ from gsvrcodec.bitstream.chunk import (
     parse_chunk_head,
 )
 from gsvrcodec.encoder.analysis import Analysis
+from gsvrcodec.encoder.jobs import EncodedGop
 from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
-_PLAN, _ANALYSIS, _BACKGROUND, _PART = b"plan", b"stat", b"bkgd", b"part"
+_PLAN, _ANALYSIS, _PART = b"plan", b"stat", b"part"
 _LENGTH = struct.Struct("<I")
 
 
@@ -64,7 +63,6 @@ class Checkpoint:
     ) -> None:
         self._entries: dict[range, tuple[GopFigures, ChunkEntry]] = {}
         self._analysis: Analysis | None = None
-        self._backgrounds: dict[int, bytes] = {}
         self._end = 0
         self._file: BinaryIO
         content: dict[str, Any] = json.loads(json.dumps(plan))
@@ -125,20 +123,6 @@ class Checkpoint:
         self._append(_ANALYSIS, json.dumps(analysis.to_json()).encode())
         self._analysis = analysis
 
-    @property
-    def backgrounds(self) -> int:
-        """How many backgrounds are finished."""
-        return len(self._backgrounds)
-
-    def background(self, number: int) -> bytes | None:
-        """Return the payload of a finished background, None if it is not there."""
-        return self._backgrounds.get(number)
-
-    def add_background(self, payload: bytes) -> None:
-        """Keep a finished background."""
-        self._append(_BACKGROUND, payload)
-        self._backgrounds[parse_background_head(payload).number] = payload
-
     def add(self, gop: range, figures: GopFigures, payload: bytes) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
         text = json.dumps({"frames": [gop.start, gop.stop], "figures": asdict(figures)}).encode()
@@ -161,6 +145,11 @@ class Checkpoint:
                 return _split(self._read(self._entries[gop][1]))[2]
         except CorruptError as error:
             raise OutputError(f"{name} is not what was written to it: {error}") from error
+
+    def result(self, gop: range) -> EncodedGop:
+        """Return a finished GOP as its job did. Raises as `payload`."""
+        figures = self.figures(gop)
+        return EncodedGop(self.payload(gop), figures.psnr, figures.float_psnr, figures.qscale)
 
     def _open(self, plan: dict[str, Any], *, resume: bool, restart: bool) -> None:
         """Take what the file holds, or begin it."""
@@ -190,7 +179,7 @@ class Checkpoint:
         return len(start) < len(_SIGNATURE)
 
     def _begin(self, plan: dict[str, Any]) -> None:
-        self._entries, self._backgrounds, self._analysis = {}, {}, None
+        self._entries, self._analysis = {}, None
         self._end = len(_SIGNATURE)
         self._file.seek(0)
         self._file.truncate()
@@ -245,8 +234,6 @@ class Checkpoint:
         payload = self._read(entry)
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
-        elif entry.type == _BACKGROUND:
-            self._backgrounds[parse_background_head(payload).number] = payload
         elif entry.type == _PART:
             gop, figures, _ = _split(payload)
             self._entries[gop] = figures, entry

@@ -18,14 +18,14 @@ from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
-from gsvrcodec.encoder.background import static_runs
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import fit_backgrounds, gop_jobs, processes_for
-from gsvrcodec.encoder.plan import longest_gop, plan
+from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
+from gsvrcodec.encoder.plan import longest_chain, longest_gop, plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import slice_gops
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
 from gsvrcodec.encoder.verify import verify_file
 from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
@@ -60,8 +60,7 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file as a .gsvr file.
 
-    The source is read three times, frame by frame: to analyse its motion, to find static runs,
-    and to fit it. `dst` appears when it is whole; until then finished GOPs are kept in `dst` +
+    The source is read twice, frame by frame: to analyse its motion, and to fit it. `dst` appears when it is whole; until then finished GOPs are kept in `dst` +
     ".part".
 
     Args:
@@ -99,72 +98,74 @@ def encode(
         open_video(path, **reading_options(asdict(chosen))) as video,
         Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
     ):
-        # Analyse: where GOPs begin and end, and what is static from GOP to GOP.
+        # Analyse: where GOPs begin and end, and which are predicted from the one before.
         analysis = _analysis(video, chosen, checkpoint)
         stats, shown = analysis.stats, analysis.shown
         size = video.info.width, video.info.height
         duration = float((shown[1] - shown[0]) * video.info.time_base)
         longest = longest_gop(stats, size, chosen, seconds=duration)
-        gops = slice_gops(stats, chosen.gop, minimum=chosen.gop_min, maximum=longest)
+        chains = slice_gops(
+            stats,
+            chosen.gop,
+            minimum=chosen.gop_min,
+            maximum=longest,
+            longest_chain=longest_chain(len(stats), chosen, seconds=duration),
+            threshold=CHAIN.threshold if chosen.predicts else ANALYSIS.threshold,
+        )
+        gops = [gop for chain in chains for gop in chain]
         if not gops:
             raise NotAVideoError(f"{src} has no video frames")
-        pictures = (frame.rgb for frame in video)
-        runs = list(static_runs(pictures, gops, stats)) if chosen.may_have_backgrounds else []
 
-        # Plan: what each GOP and background gets.
+        # Plan: what each GOP gets.
         extras = read_extras(path, chosen.copied_kinds, _span(shown, video.info.time_base, chosen))
         empty = _begin(io.BytesIO(), video.info, chosen, extras)
         planned = plan(
-            gops,
+            chains,
             stats,
             size,
             chosen,
             seconds=duration,
-            overhead=empty.final_size(len(gops) + len(runs), 0),
+            overhead=empty.final_size(len(gops), 0),
             streams=extras.streams_bytes,
-            runs=runs,
         )
 
-        # Fit: backgrounds first, then the GOPs in front of them, side by side.
-        meter = Meter(gops, len(planned.backgrounds), checkpoint, began, progress)
+        # Fit: chains side by side, the GOPs of each one after another.
+        meter = Meter(gops, checkpoint, began, progress)
         meter.report()
-        behind = fit_backgrounds(planned.backgrounds, gops, chosen, checkpoint, meter.report)
-        missing = [gop for gop in gops if gop not in checkpoint]
+        missing = [chain for chain in chains if missing_frames(chain, checkpoint)]
         workers, threads = processes_for(missing, size, chosen)
-        jobs = gop_jobs(video, gops, planned.gops, chosen, missing, workers, began, behind)
+        jobs = all_jobs(video, chains, planned, chosen, checkpoint, workers, began)
         with closing(fit_gops(jobs, workers, threads)) as fitted:
             for done in fitted:
-                figures = GopFigures(done.gop.psnr, done.gop.float_psnr, done.seconds)
-                checkpoint.add(done.frames, figures, done.gop.payload)
+                gop = done.gop
+                figures = GopFigures(gop.psnr, gop.float_psnr, done.seconds, gop.qscale)
+                checkpoint.add(done.frames, figures, gop.payload)
                 meter.report()
 
-        # Write: each background before the first GOP that may show it.
-        first_of = {gops[one.run.gops.start] for one in planned.backgrounds}
+        # Write.
         with gathered_output(dst, overwrite=overwrite) as path:
             with path.open("w+b") as file:
                 writer = _begin(file, video.info, chosen, extras)
-                for gop in gops:
-                    if gop in first_of:
-                        writer.add_background(behind[gop].payload)
-                    writer.add_gop(checkpoint.payload(gop))
+                for frames in gops:
+                    writer.add_gop(checkpoint.payload(frames))
                 for stream in extras.streams:
                     writer.add_auxiliary(STREAMS_TYPE, stream.payload)
                 writer.close()
             if verify:
-                quality = {gop.start: checkpoint.figures(gop).psnr for gop in gops}
+                quality = {own.start: checkpoint.figures(own).psnr for own in gops}
                 verify_file(path, video, quality, threads)
         gop_stats = _gop_stats(gops, stats, writer, checkpoint)
-    frames = gops[-1].stop
+    count = gops[-1].stop
     return EncodeResult(
         path=Path(dst),
-        frames=frames,
+        frames=count,
         gops=len(gops),
-        backgrounds=len(planned.backgrounds),
+        key_gops=sum(gop.key for gop in gop_stats),
         gaussians=writer.gaussians,
         bytes=writer.size,
-        bpp=8 * (writer.size - extras.streams_bytes) / (frames * size[0] * size[1]),
-        psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / frames,
-        float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / frames,
+        bpp=8 * (writer.size - extras.streams_bytes) / (count * size[0] * size[1]),
+        psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / count,
+        float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / count,
         seconds=time.perf_counter() - began,
         gop_stats=gop_stats,
     )
@@ -228,6 +229,7 @@ def _gop_stats(
             first_frame=gop.start,
             frames=len(gop),
             cut=stats[gop.start].cut,
+            key=entry.is_key,
             motion=sum(frame.motion for frame in stats[gop.start : gop.stop]),
             gaussians=entry.gaussians,
             bytes=entry.chunk.size,

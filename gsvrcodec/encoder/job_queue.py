@@ -1,168 +1,114 @@
-"""Jobs of an encode: their frames, budgets and time, and the processes that share them."""
+"""Chains of an encode: their frames, budgets and time, and the processes that share them."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_payload import unpack_background
-from gsvrcodec.encoder.background import StaticRun
 from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.chain import ChainFrames, chain_jobs
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.jobs import BackgroundJob, GopJob, encode_gop
-from gsvrcodec.encoder.plan import PlannedBackground
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import BACKGROUND, PROCESSES
+from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.encoder.workers import processes, starts
 from gsvrcodec.errors import InputError
 from gsvrcodec.fit.tuned import EFFORT
-from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Background
 from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedBackground:
-    """A finished background."""
-
-    background: Background
-    payload: bytes  #: of its chunk
-    run: StaticRun  #: the GOPs that may show it
-
-
-def fit_backgrounds(
-    planned: Sequence[PlannedBackground],
-    gops: Sequence[range],
-    settings: EncodeSettings,
-    checkpoint: Checkpoint,
-    report: Callable[[], None],
-) -> dict[range, FittedBackground]:
-    """Fit the backgrounds that `checkpoint` lacks, one after another.
-
-    Args:
-        planned: backgrounds to fit.
-        gops: frames of all GOPs.
-        settings: of the encode.
-        checkpoint: keeps finished backgrounds.
-        report: called after each.
-
-    Returns:
-        The background of each GOP that has one, by the frames of the GOP.
-    """
-    found: dict[range, FittedBackground] = {}
-    for one in planned:
-        run = one.run
-        payload = checkpoint.background(run.number)
-        if payload is None:
-            frames = sum(len(gops[position]) for position in run.gops)
-            seconds = None
-            if settings.time_budget is not None:
-                seconds = BACKGROUND.time_share * settings.time_budget * frames
-            job = BackgroundJob(
-                frames=run.picture[None],
-                budget=one.budget,
-                settings=settings,
-                seconds=seconds,
-                number=run.number,
-                shown=frames,
-            )
-            payload = encode_gop(job).payload
-            checkpoint.add_background(payload)
-            report()
-        fitted = FittedBackground(unpack_background(payload, Limits()), payload, run)
-        found |= {gops[position]: fitted for position in run.gops}
-    return found
-
-
 def processes_for(
-    gops: Sequence[range], size: tuple[int, int], settings: EncodeSettings
+    chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSettings
 ) -> tuple[int, int]:
-    """Return the number of processes that fit these GOPs, and of their threads together."""
-    frames, pixels = [len(gop) for gop in gops], size[0] * size[1]
+    """Return the number of processes that fit these chains, and of their threads together."""
+    frames, pixels = [sum(map(len, chain)) for chain in chains], size[0] * size[1]
     visits = EFFORT.frame_visits[settings.preset]
     pace = settings.time_budget or PROCESSES.step_seconds * visits * pixels
     return processes(
         # One process keeps a GPU busy.
         settings.workers or int(settings.device != "cpu"),
         settings.threads,
-        gops=len(gops),
-        gop_bytes=3 * pixels * max(frames, default=0),
+        chains=len(chains),
+        chain_bytes=3 * pixels * max(frames, default=0),
+        gop_bytes=3 * pixels * max((len(gop) for chain in chains for gop in chain), default=0),
         seconds=pace * sum(frames),
     )
 
 
-def gop_jobs(
+def missing_frames(chain: Chain, checkpoint: Checkpoint) -> int:
+    """Return the frames of the GOPs of a chain that are not finished."""
+    return sum(len(gop) for gop in chain[finished_gops(chain, checkpoint) :])
+
+
+def finished_gops(chain: Chain, checkpoint: Checkpoint) -> int:
+    """Return how many GOPs of a chain are finished, up to the first that is not."""
+    return next((n for n, gop in enumerate(chain) if gop not in checkpoint), len(chain))
+
+
+def all_jobs(
     video: VideoReader,
-    gops: Sequence[range],
+    chains: Sequence[Chain],
     budgets: Sequence[Budget],
     settings: EncodeSettings,
-    missing: Sequence[range],
+    checkpoint: Checkpoint,
     workers: int,
     began: float,
-    backgrounds: Mapping[range, FittedBackground],
-) -> Iterator[GopJob]:
-    """Yield the jobs of the `missing` GOPs; frames are read when a job is asked for.
+) -> Iterator[Generator[GopJob, EncodedGop, None]]:
+    """Yield the jobs of each chain with missing GOPs; its frames are read when it is asked for.
 
     Args:
         video: the source.
-        gops: frames of each GOP, in order.
+        chains: frames of each GOP, in order.
         budgets: of each GOP.
         settings: of the encode; a time budget is shared out among the missing GOPs.
-        missing: GOPs still to be fitted, in order.
-        workers: how many are fitted at the same time.
+        checkpoint: has the finished GOPs.
+        workers: how many chains are fitted at the same time.
         began: `time.perf_counter()` at the start of the encode.
-        backgrounds: of the GOPs that have one.
 
     Raises:
         InputError: the video has become shorter.
     """
-    turns, end = starts([len(gop) for gop in missing], workers)
-    turn_of = dict(zip(missing, turns, strict=True))
-    whole = sum(map(len, missing))
-    frames = iter(video)
-    for gop, budget in zip(gops, budgets, strict=True):
-        if gop not in turn_of:
-            deque(islice(frames, len(gop)), maxlen=0)
+    missing = [missing_frames(chain, checkpoint) for chain in chains]
+    turns, end = starts([count for count in missing if count], workers)
+    turn_of = dict(zip((n for n, count in enumerate(missing) if count), turns, strict=True))
+    frames, waiting = iter(video), iter(budgets)
+    for number, chain in enumerate(chains):
+        own = list(islice(waiting, len(chain)))
+        if not missing[number]:
+            deque(islice(frames, chain[-1].stop - chain[0].start), maxlen=0)
             continue
         seconds = None
         if settings.time_budget is not None:
             # A share of the time left, in proportion to its frames and the frames that wait for it.
-            left = settings.time_budget * whole - (time.perf_counter() - began)
-            seconds = max(0.0, left) * len(gop) / (end - turn_of[gop])
-        own = islice(frames, len(gop))
-        yield _gop_job(video.info, own, gop, budget, settings, seconds, backgrounds.get(gop))
+            left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
+            seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
+        done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
+        pictures = _read(video.info, frames, chain, len(done))
+        yield chain_jobs(pictures, own, settings, done, seconds)
 
 
-def _gop_job(
-    info: VideoInfo,
-    source: Iterator[SourceFrame],
-    gop: range,
-    budget: Budget,
-    settings: EncodeSettings,
-    seconds: float | None,
-    fitted: FittedBackground | None,
-) -> GopJob:
-    frames = np.empty((len(gop), info.height, info.width, 3), np.uint8)
-    times = np.empty((2, len(gop)), np.int64)
-    found = 0
-    for found, frame in enumerate(source, 1):
-        frames[found - 1] = frame.rgb
-        times[:, found - 1] = frame.pts, frame.duration
-    if found < len(gop):
-        raise InputError(f"{info.path} became shorter while it was read")
-    return GopJob(
-        frames=frames,
-        budget=budget,
-        settings=settings,
-        seconds=seconds,
-        pts=times[0],
-        durations=times[1],
-        first_frame=gop.start,
-        background=None if fitted is None else fitted.background,
-        background_picture=None if fitted is None else fitted.run.picture,
-    )
+def _read(
+    info: VideoInfo, source: Iterator[SourceFrame], chain: Chain, finished: int
+) -> ChainFrames:
+    """Read the frames of a chain; the pictures of finished GOPs are skipped."""
+    read = ChainFrames(chain, [], [], [])
+    for number, gop in enumerate(chain):
+        kept = len(gop) if number >= finished else 0
+        pictures = np.empty((kept, info.height, info.width, 3), np.uint8)
+        times = np.empty((2, len(gop)), np.int64)
+        found = 0
+        for found, frame in enumerate(islice(source, len(gop)), 1):
+            times[:, found - 1] = frame.pts, frame.duration
+            if kept:
+                pictures[found - 1] = frame.rgb
+        if found < len(gop):
+            raise InputError(f"{info.path} became shorter while it was read")
+        read.pictures.append(pictures)
+        read.pts.append(times[0])
+        read.durations.append(times[1])
+    return read

@@ -3,43 +3,55 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.background_payload import pack_background
 from gsvrcodec.bitstream.gop_payload import pack_gop
-from gsvrcodec.encoder.background import visible_gaussians
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
+from gsvrcodec.encoder.carried import carried_of, new_of
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.fit import predicted
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
+from gsvrcodec.fit.predicted import fit_predicted
 from gsvrcodec.fit.quantised import as_published, quantisable
 from gsvrcodec.fit.rate_control import fit_to_psnr, quantise_to_psnr, quantise_to_size
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
-from gsvrcodec.model.background import Background, select_gaussians
 from gsvrcodec.model.gop import Gop, GridSize
+from gsvrcodec.model.prediction import look_after
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.time import Ticks, normalised_time
-from gsvrcodec.planes import PACKS, Codec
+from gsvrcodec.planes import PACKS
 from gsvrcodec.render import backend_on
 from gsvrcodec.render.device import choose_device
 
-Visible = NDArray[np.bool_]  #: which Gaussians of a background a GOP shows
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The GOP that another is predicted from, as a decoder has it."""
+
+    gop: Gop
+    first_frame: int  #: number of its first frame in the file
+    frames: int
+    qscale: float  #: that it was stored at
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Job(ABC):
+class GopJob:
     """All that `encode_gop` needs."""
 
     frames: NDArray[np.uint8]  #: (F, H, W, 3) RGB
+    pts: Ticks  #: (F,) ticks
+    durations: Ticks  #: (F,) ticks
+    first_frame: int  #: number of the first frame in the file
     budget: Budget
     settings: EncodeSettings
+    effort: float = 1.0  #: optimiser steps, in those of the preset
     seconds: float | None = None  #: wall time to spend; None = by the preset
+    reference: Reference | None = None  #: None = a key GOP
 
     @property
     def size(self) -> tuple[int, int]:
@@ -47,52 +59,10 @@ class Job(ABC):
         return self.frames.shape[2], self.frames.shape[1]
 
     @property
-    @abstractmethod
     def steps(self) -> int:
         """Optimiser steps, without `seconds`."""
-
-    @property
-    @abstractmethod
-    def grid(self) -> GridSize:
-        """Gx, Gy, Gt of the tri-plane; zeros for none."""
-
-    @property
-    @abstractmethod
-    def seed(self) -> tuple[int, ...]:
-        """Seed of every random choice."""
-
-    @property
-    def options(self) -> FitOptions:
-        """How to fit."""
-        return self.settings.fit_options
-
-    @abstractmethod
-    def footage(self) -> tuple[Footage, Visible | None]:
-        """Return the frames to fit, and the Gaussians of the background that are behind them."""
-
-    @abstractmethod
-    def payload(
-        self, gop: Gop, precision: Precision, codecs: Collection[Codec], visible: Visible | None
-    ) -> bytes:
-        """Return the payload of the chunk."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GopJob(Job):
-    """One GOP to be fitted."""
-
-    pts: Ticks  #: (F,) ticks
-    durations: Ticks  #: (F,) ticks
-    first_frame: int  #: number of the first frame in the file
-    background: Background | None = None  #: Gaussians that the GOP may show behind its own
-    background_picture: NDArray[np.uint8] | None = (
-        None  #: (H, W, 3) that `background` was fitted to
-    )
-
-    @property
-    def steps(self) -> int:
-        """Optimiser steps, without `seconds`."""
-        return EFFORT.frame_visits[self.settings.preset] * len(self.frames)
+        visits = self.effort * EFFORT.frame_visits[self.settings.preset]
+        return round(visits * len(self.frames))
 
     @property
     def grid(self) -> GridSize:
@@ -104,90 +74,31 @@ class GopJob(Job):
         """Seed of every random choice."""
         return self.settings.seed, self.first_frame
 
-    def footage(self) -> tuple[Footage, Visible | None]:
-        """Return the frames to fit, and the Gaussians of the background that are behind them."""
-        taus = normalised_time(self.pts)
-        if self.background is not None and self.background_picture is not None:
-            visible = visible_gaussians(self.background, self.background_picture, self.frames)
-            if visible.any():
-                behind = select_gaussians(self.background.gop, visible)
-                return Footage(self.frames, taus, behind), visible
-        return Footage(self.frames, taus), None
-
-    def payload(
-        self, gop: Gop, precision: Precision, codecs: Collection[Codec], visible: Visible | None
-    ) -> bytes:
-        """Return the payload of the GOP chunk."""
-        number = 0 if visible is None or self.background is None else self.background.number
-        return pack_gop(
-            gop,
-            self.pts,
-            self.durations,
-            self.first_frame,
-            precision,
-            codecs,
-            background=number,
-            shown=visible,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BackgroundJob(Job):
-    """A background to be fitted to one picture, `frames` (1, H, W, 3)."""
-
-    number: int  #: by which GOPs name it, from 1
-    shown: int  #: frames of the GOPs that may show it
-
-    @property
-    def steps(self) -> int:
-        """Optimiser steps, without `seconds`."""
-        visits = EFFORT.background_visits * EFFORT.frame_visits[self.settings.preset]
-        return max(EFFORT.least_background_steps, visits)
-
-    @property
-    def grid(self) -> GridSize:
-        """Gx, Gy, Gt of the tri-plane: none."""
-        return 0, 0, 0
-
     @property
     def options(self) -> FitOptions:
-        """How to fit: nothing moves by a tri-plane."""
-        return replace(self.settings.fit_options, deform="polynomial")
-
-    @property
-    def seed(self) -> tuple[int, ...]:
-        """Seed of every random choice."""
-        return self.settings.seed, 0
-
-    def footage(self) -> tuple[Footage, None]:
-        """Return the picture to fit; nothing is behind it."""
-        return Footage(self.frames, np.zeros(1, np.float32), shown=self.shown), None
-
-    def payload(
-        self, gop: Gop, precision: Precision, codecs: Collection[Codec], visible: Visible | None
-    ) -> bytes:
-        """Return the payload of the background chunk."""
-        return pack_background(self.number, gop, precision, codecs)
+        """How to fit."""
+        return self.settings.fit_options
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EncodedGop:
-    """A finished GOP or background."""
+    """A finished GOP."""
 
     payload: bytes  #: of its chunk
     psnr: float  #: dB, mean of the frames that a decoder will show
     float_psnr: float  #: dB, the same before quantisation
+    qscale: float | None  #: of the quantiser steps; None = bits over the range
 
 
-def encode_gop(job: Job) -> EncodedGop:
-    """Fit, quantise and pack one GOP or background.
+def encode_gop(job: GopJob) -> EncodedGop:
+    """Fit, quantise and pack one GOP.
 
     The same job gives the same bytes in any process and any order, unless it is timed.
     """
     began = time.perf_counter()
-    settings, budget, options = job.settings, job.budget, job.options
+    settings, budget, options, reference = job.settings, job.budget, job.options, job.reference
     backend = backend_on(choose_device(settings.device), settings.threads)
-    footage, visible = job.footage()
+    footage = Footage(job.frames, normalised_time(job.pts))
 
     def fit(gaussians: int, share: float = 1.0) -> Fit:
         """Fit so many Gaussians with a share of the job's effort."""
@@ -195,28 +106,49 @@ def encode_gop(job: Job) -> EncodedGop:
         if job.seconds is not None:
             seconds = share * EFFORT.fitting_share * job.seconds - (time.perf_counter() - began)
         effort = Allowance(share * job.steps, seconds)
-        return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
+        if reference is None:
+            return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
+        look = look_after(reference.gop, reference.frames)
+        start = predicted.Reference(look, reference.qscale)
+        return fit_predicted(
+            footage, start, gaussians, job.grid, options, effort, backend, seed=job.seed
+        )
+
+    def pack(fitted: Fit, gop: Gop, precision: Precision, codecs: str) -> bytes:
+        """Return the payload of the GOP chunk."""
+        return pack_gop(
+            new_of(fitted, gop),
+            job.pts,
+            job.durations,
+            job.first_frame,
+            precision,
+            PACKS[codecs],
+            reference=0 if reference is None else job.first_frame - reference.first_frame,
+            carried=carried_of(fitted, gop, precision),
+        )
 
     def size(gop: Gop, precision: Precision, exact: bool) -> int:
         """Return the bytes of the payload; not `exact` = without the slow codecs."""
-        pack = "entropy" if settings.pack == "auto" and not exact else settings.pack
-        return len(job.payload(gop, precision, PACKS[pack], visible))
+        quick = settings.pack == "auto" and not exact
+        return len(pack(fitted, gop, precision, "entropy" if quick else settings.pack))
 
-    if budget.target_psnr is None:
+    if budget.target_psnr is None or reference is not None:
         fitted = fit(budget.gaussians)
     else:
         refits = RATE_CONTROL.refits if job.seconds is None else 0
         most = most_gaussians(job.size)
         fitted = fit_to_psnr(fit, budget.target_psnr, budget.gaussians, most, refits=refits)
     if options.profile == "paper":
-        stored = as_published(fitted, footage, backend)
+        stored = as_published(fitted, backend)
     else:
-        candidate = quantisable(fitted, footage, options, backend, size, seed=job.seed)
+        candidate = quantisable(fitted, options, backend, size, seed=job.seed)
         if budget.target_bytes is not None:
             stored = quantise_to_size(candidate, budget.target_bytes)
         elif budget.target_psnr is not None:
             stored = quantise_to_psnr(candidate, budget.target_psnr)
+        elif reference is not None:
+            stored = candidate.quantised(reference.qscale)
         else:
             stored = candidate.quantised(candidate.usual_qscale)
-    payload = job.payload(stored.gop, stored.precision, PACKS[settings.pack], visible)
-    return EncodedGop(payload, stored.psnr, fitted.psnr)
+    payload = pack(fitted, stored.gop, stored.precision, settings.pack)
+    return EncodedGop(payload, stored.psnr, fitted.psnr, stored.qscale)

@@ -20,8 +20,6 @@ class Progress:
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go
-    background: int = 0  #: backgrounds done; they come before the GOPs
-    backgrounds: int = 0  #: backgrounds in all
 
 
 class Meter:
@@ -29,7 +27,6 @@ class Meter:
 
     Args:
         gops: frames of each GOP.
-        backgrounds: how many there are.
         checkpoint: keeps those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
@@ -38,12 +35,11 @@ class Meter:
     def __init__(
         self,
         gops: Sequence[range],
-        backgrounds: int,
         checkpoint: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        self._gops, self._backgrounds, self._checkpoint = gops, backgrounds, checkpoint
+        self._gops, self._checkpoint = gops, checkpoint
         self._began, self._progress = began, progress
         self._resumed = sum(map(len, self._done()))
 
@@ -61,8 +57,6 @@ class Meter:
             Progress(
                 gop=len(done),
                 gops=len(self._gops),
-                background=self._checkpoint.backgrounds,
-                backgrounds=self._backgrounds,
                 frames_done=frames_done,
                 frames=frames,
                 psnr=total / frames_done if done else None,

@@ -14,6 +14,7 @@ class GopFigures:
     psnr: float  #: dB, mean of the frames as decoded
     float_psnr: float  #: dB, mean of the frames before quantisation
     seconds: float  #: wall time of the fit
+    qscale: float | None = None  #: of the quantiser steps; None = bits over the range
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,7 @@ class GopStats:
     first_frame: int
     frames: int
     cut: bool  #: it starts with a new shot
+    key: bool  #: it needs no other GOP
     motion: float  #: sum of its motion, pixels of the analysed frame
     gaussians: int
     bytes: int  #: of its payload
@@ -30,6 +32,7 @@ class GopStats:
     psnr: float  #: dB, mean over its frames, of 8-bit RGB as decoded
     float_psnr: float  #: dB, the same before quantisation
     seconds: float  #: wall time of its fit
+    qscale: float | None  #: of the quantiser steps; None = bits over the range
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +42,8 @@ class EncodeResult:
     path: Path
     frames: int
     gops: int
-    backgrounds: int
-    gaussians: int  #: in all GOPs and backgrounds
+    key_gops: int  #: of these, GOPs that need no other
+    gaussians: int  #: in all GOPs, each counted once
     bytes: int  #: of the file
     bpp: float  #: bits a pixel and frame, copied streams left out
     psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded

@@ -30,7 +30,8 @@ class EncodeSettings:
     gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
     gop_min: int = 6  #: shortest adaptive GOP between cuts, frames
     gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
-    backgrounds: bool = True  #: store what stands still from GOP to GOP once
+    #: longest time from one key GOP to the next, seconds; 0 = every GOP is a key GOP
+    keyint: float = 4.0
     flow: Flow = "dis"  #: optical flow for slicing and motion start
     qat: bool = True  #: fine-tune under the quantisation to come
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
@@ -84,6 +85,8 @@ class EncodeSettings:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise UsageError(f"`{name}` must be above 0 {unit}, not {value}")
+        if not 0 <= self.keyint < float("inf"):
+            raise UsageError(f"`keyint` must be 0 or more seconds, not {self.keyint}")
         if self.gop != "adaptive" and not isinstance(self.gop, int):
             raise UsageError(f"`gop` must be 'adaptive' or a number of frames, not {self.gop!r}")
         if self.gop_max is not None and self.gop_min > self.gop_max:
@@ -97,9 +100,9 @@ class EncodeSettings:
         return any(getattr(self, name) is not None for name in _TARGETS)
 
     @property
-    def may_have_backgrounds(self) -> bool:
-        """Whether GOPs may share what stands still: not if the number of Gaussians is fixed."""
-        return self.backgrounds and self.profile == "main" and self.gaussians is None
+    def predicts(self) -> bool:
+        """Whether GOPs may be predicted from the one before."""
+        return self.keyint > 0 and self.profile == "main"
 
     @property
     def copied_kinds(self) -> tuple[str, ...]:

@@ -1,9 +1,10 @@
-"""Cutting a video into GOPs by its motion (paper, "Dynamic-aware Time Slicing")."""
+"""Cutting a video into GOPs by its motion (paper, "Dynamic-aware Time Slicing"), and into chains."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -11,36 +12,48 @@ import numpy as np
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.tuned import ANALYSIS
 
+#: Frames of GOPs of which each but the first may be predicted from the one before.
+Chain = list[range]
+
 
 def slice_gops(
-    stats: Iterable[FrameStats],
+    stats: Sequence[FrameStats],
     gop: int | Literal["adaptive"],
     *,
     minimum: int,
     maximum: int,
+    longest_chain: int = 0,
     threshold: float = ANALYSIS.threshold,
-) -> list[range]:
-    """Frames of each GOP; none spans a cut.
+) -> list[Chain]:
+    """Frames of each GOP, by chain; no chain spans a cut.
 
     A fixed `gop` ends after so many frames. For an adaptive one each frame adds its motion over
-    `threshold` and 1 / `maximum`; a shot is cut into as few GOPs as keep that sum within 1, all
-    of about the same sum, and none of fewer than `minimum` frames unless the shot is.
+    `threshold` and 1 / `maximum`; a chain is cut into as few GOPs as keep that sum within 1, all
+    of about the same sum, and none of fewer than `minimum` frames unless the chain is.
+
+    Args:
+        stats: statistics of every frame.
+        gop: frames of each GOP, or by motion.
+        minimum: frames of the shortest adaptive GOP.
+        maximum: frames of the longest adaptive GOP.
+        longest_chain: frames of the longest chain; 0 = every GOP is a chain of its own.
+        threshold: motion at which a GOP ends, px of the analysed frame.
     """
-    shots: list[list[float]] = []
-    for frame in stats:
-        if frame.cut or not shots:
-            shots.append([])
-        shots[-1].append(frame.motion)
-    out: list[range] = []
-    for shot in shots:
-        if gop == "adaptive":
-            lengths = _adaptive_lengths(shot, minimum, maximum, threshold)
-        else:
-            lengths = [min(gop, len(shot) - at) for at in range(0, len(shot), gop)]
-        for length in lengths:
-            start = out[-1].stop if out else 0
-            out.append(range(start, start + length))
-    return out
+    cuts = [number for number, frame in enumerate(stats) if frame.cut or not number]
+    chains: list[Chain] = []
+    for begin, end in pairwise([*cuts, len(stats)]):
+        parts = max(1, -(-(end - begin) // longest_chain)) if longest_chain else 1
+        bounds = np.linspace(begin, end, parts + 1).round().astype(int).tolist()
+        for start, stop in pairwise(bounds):
+            motion = [frame.motion for frame in stats[start:stop]]
+            if gop == "adaptive":
+                lengths = _adaptive_lengths(motion, minimum, maximum, threshold)
+            else:
+                lengths = [min(gop, len(motion) - at) for at in range(0, len(motion), gop)]
+            ends = np.cumsum([start, *lengths]).tolist()
+            found = [range(first, after) for first, after in pairwise(ends)]
+            chains += [found] if longest_chain else [[one] for one in found]
+    return chains
 
 
 def _adaptive_lengths(

@@ -15,6 +15,7 @@ class _Analysis:
     """Frame statistics. Ten clips at 0.1 bpp, GOPs of 4 to 36 frames; clips-gop.json."""
 
     height: int = 180  #: rows that frames are analysed at, so that motion is free of resolution
+    moves_px: float = 0.1  #: least flow of what moves, px of the analysed frame
     threshold: float = 24.0  #: accumulated motion at which a GOP ends, px of the analysed frame
     #: A cut changes the picture at once: the histograms of the frames correlate less than this,
     cut_correlation: float = 0.75
@@ -67,29 +68,22 @@ class _TriPlane:
 
 
 @dataclass(frozen=True, slots=True)
-class _Background:
-    """Static runs of GOPs and their backgrounds. soccer, tree, cup, chaplin, nasa."""
+class _Chain:
+    """Key GOPs and the GOPs predicted from them."""
 
-    gop_samples: int = 4  #: frames of a GOP that are looked at
-    most_samples: int = 16  #: frames of a run that are looked at
-    longest_frames: int = 400  #: frames that share a background, because light changes
-    #: A pixel is static where its mean squared change is less than this fraction of its variance,
-    change_share: float = 0.25
-    change_codes: float = 20.0  #: or less than so many squared 8-bit codes
-    box_px: int = 9  #: box size of change and variance, px
-    blur_px: float = 8.0  #: sigma of the blur over moving areas of the picture, px
-    #: least fraction of the detail that has to be static, in the run and in each of its GOPs; with
-    #: 0.35 chaplin lost 0.1 dB and nasa 0.8 dB
-    least_share: float = 0.6
-    #: The background gets s / (1 + s) of the bits of its run, s = weight * (static detail / other
-    #: detail) * GOPs**power. From 0.25 to 0.8 the weight hardly changes PSNR; less leaves more to
-    #: what moves.
-    weight: float = 0.3
-    power: float = -0.435
-    most: float = 0.75  #: largest fraction of the bits
-    gaussian_bits: float = 48.0  #: bits for each Gaussian of a background, which has no motion
-    time_share: float = 0.12  #: fraction of the time of its GOPs that its fit takes
-    gain: float = 1.0  #: dB of a quality target above its GOPs, because all of them share it
+    #: frames of the longest predicted GOP, and motion at which it ends, px of the analysed frame
+    longest: int = 16
+    threshold: float = 12.0
+    #: bits of a predicted GOP, in those of a key GOP of as many Gaussians: without motion, and what
+    #: is added where all detail moves
+    idle_bits: float = 0.12
+    moving_bits: float = 0.6
+    #: bits of the payload of a key GOP for each Gaussian
+    gaussian_bits: float = 62.0
+    #: numbers that a predicted GOP stores, in those of a key GOP
+    stored: float = 0.5
+    #: effort for a frame of a key GOP, in that of other frames, because all of the chain gains
+    key_effort: float = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,5 +100,5 @@ ANALYSIS = _Analysis()
 GOP_LENGTH = _GopLength()
 RATE = _Rate()
 TRIPLANE = _TriPlane()
-BACKGROUND = _Background()
+CHAIN = _Chain()
 PROCESSES = _Processes()

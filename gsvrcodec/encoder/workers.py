@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,9 @@ from gsvrcodec.encoder.jobs import EncodedGop, GopJob, encode_gop
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
+
+#: Jobs of a chain: sent the result of one, it yields the next.
+ChainJobs = Generator[GopJob, EncodedGop, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,15 +38,16 @@ class FittedGop:
 
 
 def fit_gops(
-    jobs: Iterable[GopJob], workers: int, threads: int
+    chains: Iterable[ChainJobs], workers: int, threads: int
 ) -> Generator[FittedGop, None, None]:
     """Encode GOPs and yield each as soon as it is done; the bytes do not depend on `workers`.
 
-    A job is taken when a worker is free, so that at most `workers` jobs are in memory. Closing the
-    generator kills the processes.
+    A chain is taken when a worker is free, so that at most `workers` chains are in memory. Closing
+    the generator kills the processes.
 
     Args:
-        jobs: GOPs to encode; `threads` of their settings is replaced.
+        chains: jobs, each of which may need the result of the one before; `threads` of their
+            settings is replaced.
         workers: processes to fit in; 1 = this one.
         threads: native threads of all workers together.
 
@@ -52,8 +56,8 @@ def fit_gops(
         Exception: whatever `encode_gop` raises.
     """
     if workers == 1:
-        for job in jobs:
-            yield _fitted(encode_gop, job, threads)
+        for chain in chains:
+            yield from _one_by_one(chain, encode_gop, threads)
         return
     with ExitStack() as stack:
         # Unwound from below: workers die first, which ends the threads that wait for them.
@@ -63,26 +67,57 @@ def fit_gops(
             share = threads // workers + (number < threads % workers)
             idle.put((stack.enter_context(_Worker()), max(1, share)))
 
-        def fit(job: GopJob) -> FittedGop:
+        finished: queue.SimpleQueue[FittedGop | BaseException | None] = queue.SimpleQueue()
+
+        def fit(chain: ChainJobs) -> None:
             worker, share = idle.get()
             try:
-                return _fitted(worker, job, share)
+                for done in _one_by_one(chain, worker, share):
+                    finished.put(done)
+                finished.put(None)
+            except BaseException as error:
+                finished.put(error)
             finally:
                 idle.put((worker, share))
 
-        running: set[Future[FittedGop]] = set()
-        for job in jobs:
-            running.add(pool.submit(fit, job))
-            if len(running) == workers:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
+        running = 0
+        for chain in chains:
+            pool.submit(fit, chain)
+            running += 1
+            while running == workers:
+                running -= yield from _next(finished)
         while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in done)
+            running -= yield from _next(finished)
+
+
+def _next(
+    finished: queue.SimpleQueue[FittedGop | BaseException | None],
+) -> Generator[FittedGop, None, int]:
+    """Yield the next GOP; or return 1 if a chain has ended, or raise what has ended it."""
+    done = finished.get()
+    if isinstance(done, BaseException):
+        raise done
+    if done is None:
+        return 1
+    yield done
+    return 0
+
+
+def _one_by_one(
+    chain: ChainJobs, encode: Callable[[GopJob], EncodedGop], threads: int
+) -> Iterator[FittedGop]:
+    """Encode the GOPs of a chain, one after another."""
+    job = next(chain, None)
+    while job is not None:
+        done = _fitted(encode, job, threads)
+        job = None  # its frames are not needed any more
+        yield done
+        with suppress(StopIteration):
+            job = chain.send(done.gop)
 
 
 def processes(
-    wanted: int, threads: int, *, gops: int, gop_bytes: int, seconds: float
+    wanted: int, threads: int, *, chains: int, chain_bytes: int, gop_bytes: int, seconds: float
 ) -> tuple[int, int]:
     """Return the number of processes, and of the native threads of all of them together.
 
@@ -92,18 +127,17 @@ def processes(
     Args:
         wanted: processes; 0 = by time and memory.
         threads: native threads; 0 = GSVR_THREADS or all cores.
-        gops: GOPs still to be encoded, the most processes that have work.
-        gop_bytes: bytes of the frames of the largest GOP.
+        chains: chains still to be encoded, the most processes that have work.
+        chain_bytes: bytes of the frames of the largest chain, which wait in this process.
+        gop_bytes: bytes of the frames of the largest GOP, which are fitted.
         seconds: expected time of a single process for all GOPs.
     """
     threads = resolve_threads(threads)
     if wanted == 0:
         wanted = threads if seconds > PROCESSES.least_seconds else 1
-        wanted = min(
-            wanted,
-            _available_bytes() // (PROCESSES.process_bytes + PROCESSES.fit_bytes * gop_bytes),
-        )
-    return max(1, min(wanted, gops)), threads
+        each = PROCESSES.process_bytes + chain_bytes + PROCESSES.fit_bytes * gop_bytes
+        wanted = min(wanted, _available_bytes() // each)
+    return max(1, min(wanted, chains)), threads
 
 
 def _available_bytes() -> int:

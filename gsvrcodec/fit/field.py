@@ -7,15 +7,18 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend, Samples
 
 NAMES = Gop.__slots__
+GRIDS = ("xy", "xt", "yt")  #: attributes that no Gaussian owns
 Tensors = dict[str, Tensor]  #: parameters by the names of `Gop`
 
 _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
@@ -25,19 +28,29 @@ class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
     `raw` holds one leaf tensor for each trained attribute, by the names of `Gop`; the indicator is
-    a logit there. Attributes that `deform` switches off are not in `raw`.
+    a logit there. Attributes that `deform` switches off are not in `raw`. With an anchor, values
+    are relative to it.
 
     Args:
-        start: the state to begin with; copied.
+        start: the state to begin with, as it is stored; copied.
         deform: parts of the deformation field in use.
         backend: the renderer, on whose device the tensors lie.
         background: static Gaussians that are drawn behind the field and never change.
+        anchor: what the stored values are relative to; None = a key GOP.
     """
 
     def __init__(
-        self, start: Gop, deform: Deform, backend: Backend, background: Gop | None = None
+        self,
+        start: Gop,
+        deform: Deform,
+        backend: Backend,
+        background: Gop | None = None,
+        anchor: Anchor | None = None,
     ) -> None:
         self.backend = backend
+        self.anchor = None if anchor is None else anchor.copy()
+        self._anchored = self._anchor_tensors()
+        self._frozen: Tensor | None = None
         self._background = background
         device = backend.device
         tensors = {
@@ -67,7 +80,57 @@ class Field:
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:
             out["indicator"] = torch.sigmoid(out["indicator"])
+        if self._anchored is not None:
+            for name in LOOK:
+                out[name] = out[name] + self._anchored[name]
+            motion = out["linear"] - out["quadratic"]
+            out["position"] = out["position"] + self._anchored["carried"] * motion
         return {name: out[name] for name in NAMES}
+
+    @property
+    def carried(self) -> Tensor:
+        """1 for Gaussians of the reference, 0 for others, (N, 1); needs an anchor."""
+        assert self._anchored is not None
+        return self._anchored["carried"]
+
+    def rearrange(self, order: NDArray[np.intp]) -> None:
+        """Put the Gaussians into another order."""
+        with torch.no_grad():
+            for name, tensor in self.raw.items():
+                if name not in GRIDS:
+                    tensor.copy_(tensor[order])
+        if self.anchor is not None:
+            self.anchor.rearrange(order)
+            self._anchored = self._anchor_tensors()
+
+    def freeze(self, chosen: NDArray[np.bool_]) -> None:
+        """From now on `hold` keeps the look of these Gaussians, (N,)."""
+        self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)
+
+    def hold(self) -> None:
+        """Take the gradients away from what is frozen."""
+        if self._frozen is not None:
+            for name in LOOK:
+                if (raw := self.raw.get(name)) is not None and raw.grad is not None:
+                    raw.grad[self._frozen] = 0
+
+    def renew(
+        self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array
+    ) -> None:
+        """Make Gaussians new: as others are, but for the `values` given by the names of `Gop`."""
+        with torch.no_grad():
+            now = self.raw | {name: self.tensors()[name] for name in LOOK if name in self.raw}
+            fresh = {name: now[name][like].clone() for name in self.raw if name not in GRIDS}
+            for name, tensor in fresh.items():
+                self.raw[name][chosen] = tensor
+            for name, value in values.items():
+                self.raw[name][chosen] = torch.from_numpy(value).to(self.backend.device)
+        if self.anchor is not None:
+            self.anchor.release(chosen)
+            self._anchored = self._anchor_tensors()
+
+    def _anchor_tensors(self) -> Tensors | None:
+        return None if self.anchor is None else self.anchor.tensors(self.backend.device)
 
     def fix(self, values: Mapping[str, Float32Array]) -> None:
         """Give attributes of `Gop` values that stay as they are: they leave `raw`."""
@@ -101,6 +164,11 @@ class Field:
                 for a in ATTRIBUTES
             }
         )
+
+    def stored(self) -> Gop:
+        """The present state as it is stored: relative to the anchor."""
+        gop = self.gop()
+        return gop if self.anchor is None else self.anchor.stored(gop)
 
 
 class _SquaredError(torch.autograd.Function):

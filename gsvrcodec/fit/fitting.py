@@ -10,7 +10,9 @@ from statistics import fmean
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from gsvrcodec.fit.anchor import Anchor
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage
@@ -21,9 +23,9 @@ from gsvrcodec.fit.recipe import MAIN, PAPER
 from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.fit.tuned import EFFORT, STAGED
 from gsvrcodec.metrics import psnr
-from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS
+from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend
 
 
@@ -39,10 +41,17 @@ class Allowance:
 class Fit:
     """A fitted GOP before quantisation."""
 
-    gop: Gop
+    gop: Gop  #: as it is stored: relative to the anchor
     psnr: float  #: dB, mean of the frames
     steps: float  #: optimiser steps taken, or foreseen by a time budget
     tuning: Allowance | None  #: left for tuning under quantisation; None = no tuning
+    footage: Footage  #: what was fitted, in front of the Gaussians that are kept
+    anchor: Anchor | None = None  #: what `gop` is relative to; None = a key GOP
+    kept: NDArray[np.bool_] | None = None  #: (M,) Gaussians of the reference that stay as they are
+
+    def drawn(self, stored: Gop) -> Gop:
+        """Return the Gaussians that stored values stand for."""
+        return stored if self.anchor is None else self.anchor.gop(stored)
 
 
 def fit_gop(
@@ -100,7 +109,7 @@ def fit_gop(
     if tuning_share:
         tuning_steps = max(EFFORT.least_tuning_steps, round(tuning_share * allowance.steps))
         tuning = Allowance(tuning_steps, tuning_seconds)
-    return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning)
+    return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)
 
 
 def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:

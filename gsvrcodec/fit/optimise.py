@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field, Tensors, squared_error
 from gsvrcodec.fit.footage import Footage, Frames
+from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.render.backend import Backend, Samples
@@ -122,6 +123,7 @@ def optimise(
     effort: Effort,
     rng: np.random.Generator,
     *,
+    price: Price | None = None,
     quantise: Callable[[Tensors], Tensors] | None = None,
     quantise_from: float = 1.0,
 ) -> None:
@@ -133,6 +135,7 @@ def optimise(
         recipe: rates and schedule.
         effort: when to stop.
         rng: order of the frames, places of relocated Gaussians.
+        price: of changes, from the end of the coarse stage on; None = they are free.
         quantise: fake quantisation of the decoder's parameters.
         quantise_from: fraction of the effort after which `quantise` is applied.
     """
@@ -149,7 +152,7 @@ def optimise(
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
-            adam.rearrange(*relocate(field, small, footage.taus, size, rng))
+            adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving))
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames
@@ -161,6 +164,8 @@ def optimise(
         tau = float(footage.taus[index])
         loss = squared_error(field.backend, tensors, tau, targets[index], size, backdrop)
         loss.backward()  # type: ignore[no-untyped-call]
+        if price is not None and spent >= recipe.coarse:
+            price.add(field)
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
         adam.step(recipe.decay(spent) * patience)
         effort.advance()

@@ -26,6 +26,11 @@ def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
     return min(max(math.sqrt(wanted / costs), RATE_CONTROL.finest), RATE_CONTROL.coarsest)
 
 
+def bit_worth(qscale: float) -> float:
+    """Squared 8-bit codes that a bit has to save at a qscale: the slope of all steps."""
+    return 2 * math.log(2) * STEPS.unit * qscale**2
+
+
 def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
     """Steps of equal slope: the last bit of each plane buys the same quality.
 

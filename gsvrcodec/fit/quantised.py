@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
-from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import equal_slope_steps, usual_qscale
 from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.staged import quantise_in_stages
-from gsvrcodec.fit.static import with_static
+from gsvrcodec.fit.static import with_static, with_unchanged
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, dequantised
 from gsvrcodec.render.backend import Backend
@@ -30,6 +29,7 @@ class Quantised:
     gop: Gop  #: values before the last rounding
     precision: Precision  #: steps or bits
     psnr: float  #: dB, mean of the frames that a decoder will show
+    qscale: float | None  #: of the steps; None = bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,6 @@ class QuantisedFit:
     """A fit that can be stored at any qscale; implements `rate_control.Candidate`."""
 
     fit: Fit
-    footage: Footage
     sensitivities: Gop
     options: FitOptions
     backend: Backend
@@ -52,7 +51,7 @@ class QuantisedFit:
     @property
     def usual_qscale(self) -> float:
         """The qscale at which quantisation costs 0.2 dB."""
-        return usual_qscale(self.footage.pixels, len(self.fit.gop), self.fit.psnr)
+        return usual_qscale(self.fit.footage.pixels, len(self.fit.gop), self.fit.psnr)
 
     @property
     def is_tuned(self) -> bool:
@@ -75,27 +74,32 @@ class QuantisedFit:
                 gop = quantise_in_stages(
                     gop,
                     precision,
-                    self.footage,
+                    self.fit.footage,
                     MAIN,
                     round(tuning.steps),
                     None if tuning.seconds is None else tuning.seconds / trials,
                     np.random.default_rng((*self.seed, 1)),
                     self.backend,
                     deform=self.options.deform,
+                    anchor=self.fit.anchor,
                 )
-        return Quantised(gop, precision, self._psnr(gop, precision))
+        return Quantised(gop, precision, self._psnr(gop, precision), qscale)
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
         gop = with_static(self.fit.gop, self.sensitivities, qscale)
-        return gop, equal_slope_steps(self.sensitivities, qscale)
+        precision = equal_slope_steps(self.sensitivities, qscale)
+        if self.fit.anchor is not None:
+            carried = self.fit.anchor.carried
+            gop = with_unchanged(gop, carried, self.sensitivities, precision, qscale)
+        return gop, precision
 
     def _psnr(self, gop: Gop, precision: Precision) -> float:
-        return mean_psnr(dequantised(gop, precision), self.footage, self.backend)
+        decoded = self.fit.drawn(dequantised(gop, precision))
+        return mean_psnr(decoded, self.fit.footage, self.backend)
 
 
 def quantisable(
     fit: Fit,
-    footage: Footage,
     options: FitOptions,
     backend: Backend,
     measure: Measure,
@@ -104,11 +108,11 @@ def quantisable(
 ) -> QuantisedFit:
     """Measure the sensitivities of a fit, so that it can be stored at any qscale."""
     rng = np.random.default_rng(seed)
-    found = sensitivities(footage, fit.gop, rng, backend)
-    return QuantisedFit(fit, footage, found, options, backend, measure, seed)
+    found = sensitivities(fit.footage, fit.drawn(fit.gop), rng, backend, fit.anchor)
+    return QuantisedFit(fit, found, options, backend, measure, seed)
 
 
-def as_published(fit: Fit, footage: Footage, backend: Backend) -> Quantised:
+def as_published(fit: Fit, backend: Backend) -> Quantised:
     """Return a fit with the publication's bits over the range of each attribute."""
-    psnr = mean_psnr(dequantised(fit.gop, PAPER_BITS), footage, backend)
-    return Quantised(fit.gop, PAPER_BITS, psnr)
+    psnr = mean_psnr(dequantised(fit.gop, PAPER_BITS), fit.footage, backend)
+    return Quantised(fit.gop, PAPER_BITS, psnr, None)

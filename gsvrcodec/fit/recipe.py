@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,7 @@ class Recipe:
     decay: Callable[[float], float]  #: factor of the rates, by the fraction of the effort spent
     coarse: float  #: fraction of the effort spent at half resolution
     relocations: tuple[float, ...]  #: fractions of the effort at which weak Gaussians move
+    moving: float = 0.1  #: fraction of the Gaussians that moves each time
     coarse_min_side: int = 128  #: smaller frames are fitted at full resolution only, px
 
 
@@ -59,6 +60,17 @@ MAIN = Recipe(
     decay=_linear,
     coarse=0.35,
     relocations=(0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
+)
+
+#: Predicted GOPs begin with a good picture.
+PREDICTED = replace(
+    MAIN,
+    rates={
+        name: tuple(0.5 * r for r in rate) if isinstance(rate, tuple) else 0.5 * rate
+        for name, rate in MAIN.rates.items()
+    },
+    relocations=(0.1, 0.2, 0.3),
+    moving=0.05,
 )
 
 #: The publication's rates; no coarse stage.

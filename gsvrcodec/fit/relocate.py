@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
@@ -16,8 +15,6 @@ from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.render.order import drawing_order
 
-_GRIDS = ("xy", "xt", "yt")
-
 
 def relocate(
     field: Field,
@@ -25,6 +22,7 @@ def relocate(
     taus: Float32Array,
     coded_size: tuple[int, int],
     rng: np.random.Generator,
+    share: float,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
 
@@ -37,14 +35,29 @@ def relocate(
         taus: (F,) their normalised times.
         coded_size: width and height of the coded frame, pixels.
         rng: source of the new places.
+        share: fraction of the Gaussians that moves.
 
     Returns:
         (N,) the index that each Gaussian had before, and (N,) whether it has moved.
     """
+    count = int(share * len(field.raw["position"]))
+    weakest = move_weakest(field, frames, taus, coded_size, rng, count)
+    order = reorder(field, coded_size)
+    return order, np.isin(order, weakest)
+
+
+def move_weakest(
+    field: Field,
+    frames: Frames,
+    taus: Float32Array,
+    coded_size: tuple[int, int],
+    rng: np.random.Generator,
+    count: int,
+) -> NDArray[np.intp]:
+    """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
     area = np.exp(gop.log_scale.sum(axis=1))
-    count = int(RELOCATION.share * len(gop))
     weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
     shown = np.unique(np.linspace(0, len(frames) - 1, RELOCATION.frames).round().astype(np.intp))
     backend = field.backend
@@ -53,7 +66,7 @@ def relocate(
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
 
-    source = np.arange(len(gop))
+    like = np.empty(count, np.intp)
     position = np.empty((count, 2), np.float32)
     for error, index, begin, end in zip(errors, shown, [0, *bounds[:-1]], bounds, strict=True):
         pixels = sample_pixels(error.ravel(), end - begin, rng)
@@ -61,30 +74,27 @@ def relocate(
         tau = taus[index]
         moved = gop.position + gop.linear * tau + gop.quadratic * tau**2
         near = _nearest(moved, size)[y, x]
-        source[weakest[begin:end]] = near
+        like[begin:end] = near
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
         position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
 
-    raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
-    with torch.no_grad():
-        for tensor in raw.values():
-            tensor.copy_(tensor[source])
-        raw["position"][weakest] = torch.from_numpy(position).to(backend.device)
-        raw["colour"][weakest] = 0.0
-        low, high = RELOCATION.sigma_range
-        raw["log_scale"][weakest] = raw["log_scale"][weakest].clamp(math.log(low), math.log(high))
-    order = reorder(field, coded_size)
-    return order, np.isin(order, weakest)
+    low, high = RELOCATION.sigma_range
+    field.renew(
+        weakest,
+        like,
+        position=position,
+        colour=np.zeros((count, 3), np.float32),
+        log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
+    )
+    return weakest
 
 
 def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
     """Put the Gaussians of `field` in rendering order, in place; return the old index of each."""
-    raw = {name: tensor for name, tensor in field.raw.items() if name not in _GRIDS}
-    with torch.no_grad():
-        position, log_scale = (raw[k].numpy(force=True) for k in ("position", "log_scale"))
-        order = drawing_order(position, log_scale, coded_size)
-        for tensor in raw.values():
-            tensor.copy_(tensor[order])
+    now = field.tensors()
+    position, log_scale = (now[name].numpy(force=True) for name in ("position", "log_scale"))
+    order = drawing_order(position, log_scale, coded_size)
+    field.rearrange(order)
     return order
 
 

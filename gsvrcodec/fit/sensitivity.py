@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.fit.anchor import Anchor
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.tuned import STEPS
 from gsvrcodec.model.gop import Gop
@@ -14,7 +17,13 @@ from gsvrcodec.render.backend import Backend
 _CODES = 255.0**2 / 3
 
 
-def sensitivities(footage: Footage, gop: Gop, rng: np.random.Generator, backend: Backend) -> Gop:
+def sensitivities(
+    footage: Footage,
+    gop: Gop,
+    rng: np.random.Generator,
+    backend: Backend,
+    anchor: Anchor | None = None,
+) -> Gop:
     """Squared error of a change of each parameter by one, over all pixels and frames.
 
     The diagonal of J^T J by Hutchinson's estimator: with noise r of unit variance in place of a
@@ -25,6 +34,7 @@ def sensitivities(footage: Footage, gop: Gop, rng: np.random.Generator, backend:
         gop: The state to look at.
         rng: Source of the noise.
         backend: Gives gradients.
+        anchor: What the stored values are relative to; the position follows from the motion.
 
     Returns:
         In place of each parameter its sum, squared 8-bit codes (mean of the channels).
@@ -34,15 +44,20 @@ def sensitivities(footage: Footage, gop: Gop, rng: np.random.Generator, backend:
     chosen = np.unique(np.linspace(0, len(taus) - 1, STEPS.frames).round().astype(np.intp))
     scale = np.float32(_CODES * footage.shown * len(taus) / len(chosen))
     for tau in taus[chosen]:
-        noise = _noise((height, width, 3), rng)
-        gradient = backend.gradient(gop, float(tau), noise, (width, height))
+        random = noise((height, width, 3), rng)
+        gradient = backend.gradient(gop, float(tau), random, (width, height))
+        if anchor is not None:
+            there = anchor.carried[:, None] * gradient.position
+            gradient = replace(
+                gradient, linear=gradient.linear + there, quadratic=gradient.quadratic - there
+            )
         for name, sums in total.items():
             sums += scale * np.square(getattr(gradient, name))
     return Gop(**total)
 
 
-def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Ones of random sign."""
+def noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return ones of random sign."""
     count = int(np.prod(shape))
     bits = np.unpackbits(np.frombuffer(rng.bytes(-(-count // 8)), np.uint8), count=count)
     noise: NDArray[np.float32] = (2 * bits.astype(np.float32) - 1).reshape(shape)

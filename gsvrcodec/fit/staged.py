@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.field import Field, squared_error
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Adam, Effort, targets_of, visits
@@ -33,6 +35,7 @@ def quantise_in_stages(
     backend: Backend,
     *,
     deform: Deform = "hybrid",
+    anchor: Anchor | None = None,
 ) -> Gop:
     """Return `gop` with all but the colours rounded, and colours tuned to make up for it.
 
@@ -49,9 +52,12 @@ def quantise_in_stages(
         rng: order of the frames.
         backend: the renderer.
         deform: parts of the deformation field in use.
+        anchor: what the GOP is relative to. Carried Gaussians without any change get none.
     """
     size, taus = footage.size, footage.taus
-    field = Field(gop, deform, backend, footage.background)
+    field = Field(gop, deform, backend, footage.background, anchor)
+    if anchor is not None:
+        field.freeze(anchor.carried & unchanged(gop))
     targets, backdrop = targets_of(field, footage.frames, size)
     order = visits(len(footage.frames), rng)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
@@ -65,7 +71,14 @@ def quantise_in_stages(
                 backend, field.tensors(), float(taus[index]), targets[index], size, backdrop
             )
             loss.backward()  # type: ignore[no-untyped-call]
+            field.hold()
             adam.step(STAGED.rates * (1 - spent))
             effort.advance()
-        gop = field.gop()
+        gop = field.stored()
     return gop
+
+
+def unchanged(gop: Gop) -> NDArray[np.bool_]:
+    """Whether nothing changes in the stored look of each Gaussian, (N,)."""
+    changes = [getattr(gop, name).reshape(len(gop), -1) for name in LOOK]
+    return np.asarray(~np.concatenate(changes, axis=1).any(axis=1))

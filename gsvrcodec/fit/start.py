@@ -88,10 +88,7 @@ class _Start:
         self._backend, self._backdrop = backend, backdrop
         self._tracker, self._rng = tracker, rng
         self._size = footage.size
-        gx, gy, gt = grid
-        self._xy = rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32)
-        self._xt = np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32)
-        self._yt = np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32)
+        self._xy, self._xt, self._yt = tri_plane(grid, rng)
 
     def place(
         self,
@@ -205,10 +202,21 @@ def content_aware(
     return start.gop(placed, start.colours(placed))
 
 
+def tri_plane(
+    grid: GridSize, rng: np.random.Generator
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Return a tri-plane to begin with: faint noise in space, ones in time."""
+    gx, gy, gt = grid
+    return (
+        rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
+        np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
+        np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
+    )
+
+
 def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.Generator) -> Gop:
     """Start as the paper does: anywhere, at rest, in any colour."""
     height, width = frames.shape[1:3]
-    gx, gy, gt = grid
     spacing = np.float32(np.sqrt(width * height / gaussians))
 
     def uniform(low: float, high: float, *shape: int) -> Float32Array:
@@ -222,9 +230,7 @@ def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.
         indicator=np.full(gaussians, 0.5, np.float32),
         linear=np.zeros((gaussians, 2), np.float32),
         quadratic=np.zeros((gaussians, 2), np.float32),
-        xy=rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
-        xt=np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
-        yt=np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
+        **dict(zip(("xy", "xt", "yt"), tri_plane(grid, rng), strict=True)),
     )
 
 

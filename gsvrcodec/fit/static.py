@@ -1,13 +1,17 @@
-"""Gaussians that hardly move are made static: they take fewer bits and are drawn once a GOP."""
+"""Gaussians that hardly move are made static; changes that are not worth their bits are undone."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gsvrcodec.fit.tuned import STEPS
+from gsvrcodec.fit.anchor import LOOK
+from gsvrcodec.fit.precision import bit_worth
+from gsvrcodec.fit.tuned import PREDICTION, STEPS
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.quantise import Steps
 
 
 def with_static(gop: Gop, sensitivities: Gop, qscale: float) -> Gop:
@@ -33,3 +37,29 @@ def with_static(gop: Gop, sensitivities: Gop, qscale: float) -> Gop:
         linear=gop.linear * moves[:, None],
         quadratic=gop.quadratic * moves[:, None],
     )
+
+
+def with_unchanged(
+    stored: Gop, carried: NDArray[np.bool_], sensitivities: Gop, steps: Steps, qscale: float
+) -> Gop:
+    """Undo the changes of carried Gaussians that are worth less than their bits.
+
+    Args:
+        stored: The GOP to be stored, relative to its anchor.
+        carried: (N,) Gaussians of the reference.
+        sensitivities: Squared error of a change of each parameter by one.
+        steps: Quantiser steps.
+        qscale: Factor of the steps.
+    """
+    loss, bits = np.zeros(len(stored)), np.full(len(stored), PREDICTION.change_bits)
+    for name in LOOK:
+        change = getattr(stored, name).reshape(len(stored), -1)
+        loss += (getattr(sensitivities, name).reshape(change.shape) * np.square(change)).sum(axis=1)
+        bits += np.log2(1 + np.abs(change) / np.array(steps[name])).sum(axis=1)
+    undone = carried & (loss < PREDICTION.undone * bits * bit_worth(qscale))
+    changes = {}
+    for name in LOOK:
+        value = getattr(stored, name).copy()
+        value[undone] = 0
+        changes[name] = value
+    return replace(stored, **changes)

@@ -76,10 +76,27 @@ class _Relocation:
     A share of 0.05 or 0.15 costs 0.1 dB.
     """
 
-    share: float = 0.1  #: fraction of the Gaussians that moves
     frames: int = 5  #: frames whose error is looked at
     sigma_range: tuple[float, float] = (0.5, 3.0)  #: px, of a Gaussian that has moved
     error_box_px: int = 3  #: box size of the squared error, px
+
+
+@dataclass(frozen=True, slots=True)
+class _Prediction:
+    """Predicted fits."""
+
+    frames: int = 8  #: frames that the worth of a change is measured in
+    draws: int = 6  #: noises that sensitivities are measured with there
+    floor: float = 0.05  #: least sensitivity, in the mean of all Gaussians
+    #: a Gaussian is kept if its change is worth less than so many bits
+    kept_bits: float = 40.0
+    price: float = 2.4  #: of the bits of a change, in what a bit is worth
+    change_bits: float = 2.0  #: of a change, beside those of its components
+    undone: float = 1.5  #: a change is undone if it is worth less than so many times its bits
+    motion_price: float = 0.0  #: of motion that differs from the neighbours', in `price`
+    near: int = 15  #: neighbours in drawing order
+    renewed_first: float = 0.05  #: fraction of the Gaussians that is new from the beginning
+    least_steps: int = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +170,7 @@ EFFORT = _Effort()
 START = _Start()
 TRACKS = _Tracks()
 RELOCATION = _Relocation()
+PREDICTION = _Prediction()
 STEPS = _Steps()
 STAGED = _Staged()
 RATE_CONTROL = _RateControl()

@@ -43,9 +43,9 @@ def static_gop(
     )
 
 
-def select_gaussians(gop: Gop, mask: NDArray[np.bool_]) -> Gop:
-    """Return a GOP with the Gaussians that `mask`, shape (N,), selects; the tri-plane is shared."""
-    return replace(gop, **{name: getattr(gop, name)[mask] for name in _GAUSSIAN_ATTRIBUTES})
+def select_gaussians(gop: Gop, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Gop:
+    """Return a GOP with chosen Gaussians, by a mask or by numbers; the tri-plane is shared."""
+    return replace(gop, **{name: getattr(gop, name)[chosen] for name in _GAUSSIAN_ATTRIBUTES})
 
 
 def append_gaussians(gop: Gop, static: Gop) -> Gop:

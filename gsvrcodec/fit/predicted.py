@@ -1,0 +1,208 @@
+"""A predicted fit: Gaussians of the reference are kept, carried on and changed, or replaced."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
+from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.motion import Tracker
+from gsvrcodec.fit.optimise import Effort, optimise
+from gsvrcodec.fit.options import FitOptions
+from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
+from gsvrcodec.fit.price import Price
+from gsvrcodec.fit.recipe import PREDICTED
+from gsvrcodec.fit.relocate import move_weakest
+from gsvrcodec.fit.sensitivity import noise, sensitivities
+from gsvrcodec.fit.start import tri_plane
+from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED, START
+from gsvrcodec.model.gop import Float32Array, Gop, GridSize
+from gsvrcodec.model.prediction import Look
+from gsvrcodec.model.static import select_gaussians, static_gop
+from gsvrcodec.render.backend import Backend
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """What a predicted fit starts from."""
+
+    look: Look  #: (M, ...) the Gaussians as the reference leaves them
+    qscale: float  #: that the GOP may be stored at; sets what a change costs
+
+
+def fit_predicted(
+    footage: Footage,
+    reference: Reference,
+    gaussians: int,
+    grid: GridSize,
+    options: FitOptions,
+    allowance: Allowance,
+    backend: Backend,
+    *,
+    seed: tuple[int, ...],
+) -> Fit:
+    """Fit the Gaussians of a reference to the frames that follow it.
+
+    The same arguments give the same result in any process, unless there is a wall time.
+
+    Args:
+        footage: frames to show.
+        reference: Gaussians to begin with.
+        gaussians: N of the GOP.
+        grid: Gx, Gy, Gt of the tri-plane; zeros for none.
+        options: deformation field, flow.
+        allowance: steps or wall time of start, fit and tuning together.
+        backend: the renderer.
+        seed: of every random choice.
+    """
+    began = time.perf_counter()
+    rng = np.random.default_rng(seed)
+    worth = change_worth(static_gop(*_values(reference.look)), footage, rng, backend)
+    bit = bit_worth(reference.qscale)
+    kept = worth < PREDICTION.kept_bits * bit
+    carried = np.flatnonzero(~kept)
+    if kept.any():
+        footage = replace(footage, background=static_gop(*_values(reference.look[kept])))
+    extra = gaussians - len(kept)
+    if extra < 0:  # the weakest are dropped
+        look = reference.look[carried]
+        strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
+        drop = min(-extra, max(0, len(carried) - 1))
+        carried = np.sort(carried[np.argsort(-strength, kind="stable")[: len(carried) - drop]])
+    anchor = Anchor(reference.look[carried], carried)
+    start = _start(footage, anchor, grid, options, rng)
+    if extra > 0 or not len(carried):
+        start, anchor = _with_new(start, anchor, max(extra, 1))
+    field = Field(start, options.deform, backend, footage.background, anchor)
+    fresh = max(extra, int(PREDICTION.renewed_first * len(start.position)))
+    move_weakest(field, footage.frames, footage.taus, footage.size, rng, fresh)
+
+    tuning_share = STAGED.effort if options.tune else 0.0
+    main_seconds = tuning_seconds = None
+    if allowance.seconds is not None:
+        left = allowance.seconds - (time.perf_counter() - began)
+        main_seconds = max(0.1, (1 - tuning_share) * left)
+        tuning_seconds = max(0.1, tuning_share * left)
+    steps = max(PREDICTION.least_steps, round((1 - tuning_share) * allowance.steps))
+    effort = Effort(steps, main_seconds)
+    price = None
+    if len(carried):
+        found = sensitivities(footage, field.gop(), rng, backend)
+        price = Price(
+            equal_slope_steps(found, reference.qscale),
+            PREDICTION.price * bit / (255.0**2 * footage.pixels),
+            backend.device,
+        )
+    with single_torch_thread():
+        optimise(field, footage, PREDICTED, effort, rng, price=price)
+    tuning = None
+    if tuning_share:
+        tuning_steps = max(EFFORT.least_tuning_steps, round(tuning_share * allowance.steps))
+        tuning = Allowance(tuning_steps, tuning_seconds)
+    psnr = mean_psnr(field.gop(), footage, backend)
+    return Fit(field.stored(), psnr, effort.expected_steps, tuning, footage, field.anchor, kept)
+
+
+def change_worth(
+    gop: Gop, footage: Footage, rng: np.random.Generator, backend: Backend
+) -> NDArray[np.float64]:
+    """What the best change of each Gaussian may be worth, if all others stay.
+
+    By a step of Gauss and Newton: with the gradient g of the error in a parameter and its
+    sensitivity h, the error falls by g^2 / h. The change of a look lasts for all frames; that of
+    a position may differ from frame to frame, which is motion.
+
+    Args:
+        gop: static Gaussians as they would be kept, N of them.
+        footage: frames to show.
+        rng: source of the noise that sensitivities are measured with.
+        backend: gives gradients.
+
+    Returns:
+        (N,) squared 8-bit codes (mean of the channels) over all frames.
+    """
+    size, frames = footage.size, len(footage.frames)
+    picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, size), 0, 1)
+    chosen = np.unique(np.linspace(0, frames - 1, PREDICTION.frames).round().astype(np.intp))
+    sensitivity = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
+    total = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
+    squares = np.zeros(gop.position.shape)
+    for _ in range(PREDICTION.draws):
+        found = backend.gradient(gop, 0.0, noise((*size[::-1], 3), rng), size)
+        for name, sums in sensitivity.items():
+            sums += np.square(getattr(found, name)) / PREDICTION.draws
+    for index in chosen:
+        residual = footage.frames[index].astype(np.float32) / 255 - picture
+        found = backend.gradient(gop, 0.0, residual, size)
+        for name, sums in total.items():
+            sums += getattr(found, name)
+        squares += np.square(found.position, dtype=np.float64)
+    gain = np.zeros(len(gop))
+    for name, sums in total.items():
+        h = np.maximum(sensitivity[name], PREDICTION.floor * sensitivity[name].mean() + 1e-30)
+        lasting = np.square(sums) / (len(chosen) * h)
+        gain += lasting.reshape(len(gop), -1).sum(axis=1)
+        if name == "position":
+            gain += (squares / h - lasting).sum(axis=1)
+    worth: NDArray[np.float64] = gain * (255.0**2 / 3 * frames / len(chosen))
+    return worth
+
+
+def _values(look: Look) -> tuple[Float32Array, ...]:
+    return tuple(np.ascontiguousarray(getattr(look, name)) for name in LOOK)
+
+
+def _start(
+    footage: Footage,
+    anchor: Anchor,
+    grid: GridSize,
+    options: FitOptions,
+    rng: np.random.Generator,
+) -> Gop:
+    """Stored values to begin with: no change, and the motion of the optical flow."""
+    count, look = len(anchor.source), anchor.look
+    linear, quadratic = np.zeros((2, count, 2), np.float32)
+    if count and options.deform != "triplane" and len(footage.frames) > 1:
+        tracker = Tracker(footage.frames, flow_estimator(options.flow))
+        inside = np.clip((look.position + 1) / 2, 0, 1 - 1e-6).astype(np.float32)
+        linear, quadratic = tracker.motion(footage.taus, 0, inside)
+    xy, xt, yt = tri_plane(grid, rng)
+    return Gop(
+        **{name: np.zeros_like(getattr(look, name)) for name in LOOK},
+        indicator=np.full(count, START.indicator, np.float32),
+        linear=linear,
+        quadratic=quadratic,
+        xy=xy,
+        xt=xt,
+        yt=yt,
+    )
+
+
+def _with_new(start: Gop, anchor: Anchor, count: int) -> tuple[Gop, Anchor]:
+    """Append black Gaussians, which have to be moved to where they are needed."""
+    had = len(anchor.source)
+    order = np.arange(had + count) % max(had, 1)
+    if had:
+        start = select_gaussians(start, order)
+        look = Look(*(getattr(anchor.look[order], name) for name in LOOK))
+        source = anchor.source[order]
+    else:
+        start = replace(
+            start,
+            **{
+                name: np.zeros((count, *getattr(start, name).shape[1:]), np.float32)
+                for name in (*LOOK, "indicator", "linear", "quadratic")
+            },
+        )
+        look = Look(*(getattr(start, name).copy() for name in LOOK))
+        source = np.full(count, -1)
+    out = Anchor(look, source)
+    out.release(np.arange(had, had + count))
+    return replace(start, colour=start.colour * (np.arange(had + count) < had)[:, None]), out
