@@ -22,8 +22,9 @@ class Limits:
     width: int = 32768  #: coded width, pixels
     height: int = 32768  #: coded height, pixels
     pixels: int = 2**28  #: width * height
-    gaussians: int = 2**24  #: Gaussians in one GOP, those of its background included
+    gaussians: int = 2**24  #: Gaussians in one GOP, those carried over included
     gop_frames: int = 2**16  #: frames in one GOP
+    chain: int = 1024  #: GOPs in a chain of references, its key GOP included
     chunks: int = 2**16  #: chunks in a file, GOPs among them
     plane_samples: int = 2**26  #: samples of one plane
     chunk_bytes: int = 2**31 - 1  #: bytes of one payload

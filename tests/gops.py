@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.background_payload import pack_background, unpack_background
-from gsvrcodec.bitstream.gop_payload import GopContent, pack_gop, unpack_gop
+from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
+from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import append_background
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes
 from gsvrcodec.planes import PACKS
 
 #: Fixed here, so that test vectors do not change when a profile is tuned.
@@ -72,10 +70,10 @@ def make_payload(
     pack: str = "deflate",
     bits: Mapping[str, int] = BITS,
     seed: int = 0,
-    background: int = 0,
-    shown: NDArray[np.bool_] | None = None,
+    reference: int = 0,
+    carried: Carried | None = None,
 ) -> bytes:
-    """The payload of a GOP of 40-tick frames."""
+    """The payload of a GOP of 40-tick frames; of a predicted one with so many new Gaussians."""
     pts = start_pts + 40 * np.arange(frames, dtype=np.int64)
     return pack_gop(
         make_gop(gaussians, grid, seed),
@@ -84,14 +82,82 @@ def make_payload(
         first_frame,
         bits,
         PACKS[pack],
-        background=background,
-        shown=shown,
+        reference=reference,
+        carried=carried,
     )
 
 
-def make_background(number: int, gaussians: int, *, seed: int = 9) -> bytes:
-    """The payload of a background."""
-    return pack_background(number, make_gop(gaussians, (0, 0, 0), seed), BITS, PACKS["entropy"])
+def make_modes(gaussians: int, seed: int = 0) -> Modes:
+    """Modes of the Gaussians of a reference, of each kind about as many."""
+    modes = np.arange(gaussians) % (DROPPED + 1)
+    return np.random.default_rng(seed).permutation(modes).astype(np.uint8)
+
+
+def make_carried(mode: Modes, seed: int = 0) -> Carried:
+    """Random changes and motions of usual size."""
+    draw = np.random.default_rng(seed)
+    changed = int(np.count_nonzero(mode & CHANGED))
+    moved = int(np.count_nonzero(mode & MOVED))
+
+    def normal(spread: float, *shape: int) -> Float32Array:
+        values: Float32Array = (spread * draw.standard_normal(shape)).astype(np.float32)
+        return values
+
+    return Carried(
+        mode=mode,
+        position=normal(0.05, changed, 2),
+        log_scale=normal(0.2, changed, 2),
+        rotation=normal(0.3, changed),
+        colour=normal(0.1, changed, 3),
+        indicator=draw.uniform(0, 1, moved).astype(np.float32),
+        linear=normal(0.02, moved, 2),
+        quadratic=normal(0.01, moved, 2),
+    )
+
+
+def make_chain(
+    frames: Sequence[int] = (3, 2, 1, 4),
+    gaussians: int = 30,
+    new: int = 5,
+    *,
+    grid: tuple[int, int, int] = (3, 2, 4),
+    pack: str = "deflate",
+    bits: Mapping[str, int] = BITS,
+    references: Sequence[int] | None = None,
+) -> list[bytes]:
+    """Payloads of a chain: a key GOP, and GOPs with Gaussians of every mode.
+
+    Args:
+        frames: Frames of each GOP.
+        gaussians: Gaussians of the key GOP.
+        new: New Gaussians of each other GOP.
+        grid: Tri-plane of each GOP that has more than one frame.
+        pack: Plane codecs.
+        bits: Bits of each attribute.
+        references: Number of the GOP that each predicted GOP refers to; None = the one before.
+    """
+    payloads = [make_payload(gaussians, grid, frames=frames[0], pack=pack, bits=bits)]
+    counts, firsts = [gaussians], [0]
+    for number in range(1, len(frames)):
+        reference = number - 1 if references is None else references[number - 1]
+        mode = make_modes(counts[reference], seed=number)
+        firsts.append(firsts[-1] + frames[number - 1])
+        payloads.append(
+            make_payload(
+                new,
+                grid if frames[number] > 1 else (0, 0, 0),
+                frames=frames[number],
+                first_frame=firsts[-1],
+                start_pts=40 * firsts[-1],
+                pack=pack,
+                bits=bits,
+                seed=number,
+                reference=firsts[-1] - firsts[reference],
+                carried=make_carried(mode, seed=number),
+            )
+        )
+        counts.append(int(np.count_nonzero(mode != DROPPED)) + new)
+    return payloads
 
 
 def make_payloads(count: int, frames: int = 3, gaussians: int = 5) -> list[bytes]:
@@ -112,39 +178,24 @@ def make_file(
     payloads: list[bytes],
     header: Header = HEADER,
     auxiliary: tuple[tuple[bytes, bytes], ...] = (),
-    backgrounds: Mapping[int, bytes] | None = None,
 ) -> bytes:
-    """A whole file: auxiliary chunks after the GOPs, backgrounds before the GOPs at their keys."""
+    """A whole file: auxiliary chunks after the GOPs."""
     file = io.BytesIO()
     with GsvrWriter(file, header) as writer:
-        for position, payload in enumerate(payloads):
-            if backgrounds and position in backgrounds:
-                writer.add_background(backgrounds[position])
+        for payload in payloads:
             writer.add_gop(payload)
         for kind, data in auxiliary:
             writer.add_auxiliary(kind, data)
     return file.getvalue()
 
 
-def decode_all(data: bytes, limits: Limits | None = None) -> list[GopContent]:
+def decode_all(data: bytes, limits: Limits | None = None) -> list[WholeGop]:
     """Open a file and unpack every GOP of it, as a decoder would."""
     limits = limits or Limits()
     with GsvrReader(io.BytesIO(data), limits) as reader:
         reader.settings()
-        contents = []
-        for position, entry in enumerate(reader.gops):
-            try:
-                content = unpack_gop(reader.read_gop(position), reader.header, limits)
-            except CorruptError as error:
-                raise error.located(entry.chunk.name, entry.offset) from error
-            contents.append(content)
-        for number, content in enumerate(contents):
-            if content.shown is not None:
-                chunk = reader.find_background(content.background, number).chunk
-                background = unpack_background(reader.read_chunk(chunk), limits)
-                gop = append_background(content.gop, background, content.shown)
-                contents[number] = replace(content, gop=gop)
-        return contents
+        unpacker = GopUnpacker(reader, limits)
+        return [unpacker.unpack(position) for position in range(len(reader.gops))]
 
 
 def assert_gops_equal(left: Gop, right: Gop) -> None:

@@ -21,7 +21,9 @@ from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.video import OutputInfo, open_writer
+from tests.gops import make_carried, make_modes
 
 SAMPLES = Path(__file__).parent.parent / "samples"
 BUNNY = SAMPLES / "bigbuckbunny.mp4"
@@ -148,19 +150,30 @@ def _payloads(
     times: tuple[tuple[int, int], ...],
     grid: tuple[int, int, int],
     one_shot: bool,
+    predicted: bool,
 ) -> list[bytes]:
     """GOPs of random Gaussians; kept, for many tests ask for the same."""
     rng = np.random.default_rng(7)
     bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 12)
-    found = []
-    first = 0
+    found: list[bytes] = []
+    first = gaussians = 0
     for count in frames:
         pts, durations = np.array(times[first : first + count], np.int64).T
         gop = random_gop(np.random.default_rng(7) if one_shot else rng, grid=grid)
         if one_shot:
             gop.linear[:] /= 9
             gop.quadratic[:] /= 9
-        found.append(pack_gop(gop, pts, durations, first, bits))
+        if predicted and found:
+            new = select_gaussians(gop, np.arange(len(gop)) < 12)
+            carried = make_carried(make_modes(gaussians, len(found)), len(found))
+            reference = frames[len(found) - 1]
+            found.append(
+                pack_gop(new, pts, durations, first, bits, reference=reference, carried=carried)
+            )
+            gaussians = carried.kept + len(new)
+        else:
+            found.append(pack_gop(gop, pts, durations, first, bits))
+            gaussians = len(gop)
         first += count
     return found
 
@@ -177,6 +190,7 @@ def gsvr_file(
     grid: tuple[int, int, int] = (4, 3, 5),
     close: bool = True,
     one_shot: bool = False,
+    predicted: bool = False,
     **header: Any,
 ) -> Path:
     """Write a .gsvr file of random Gaussians.
@@ -192,6 +206,7 @@ def gsvr_file(
         grid: size of the tri-planes.
         close: False = leave out index and end, as a killed encoder does.
         one_shot: True = the same Gaussians in every GOP, which move little.
+        predicted: True = every GOP but the first is predicted from the one before it.
         header: further fields of the header.
     """
     if times is None:
@@ -199,7 +214,9 @@ def gsvr_file(
     fields = Header(width=size[0], height=size[1], time_base=time_base, **header)
     with path.open("w+b") as file:
         writer = GsvrWriter(file, fields)
-        for payload in _payloads(tuple(frames), tuple(map(tuple, times)), grid, one_shot):
+        for payload in _payloads(
+            tuple(frames), tuple(map(tuple, times)), grid, one_shot, predicted
+        ):
             writer.add_gop(payload)
         if settings is not None:
             writer.add_auxiliary(b"sett", json.dumps(settings).encode())

@@ -16,7 +16,7 @@ from gsvrcodec.bitstream.chunk import (
     TAIL_BYTES,
     chunk_bytes,
 )
-from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def joined(chunks: list[Piece], *, reindex: bool = True) -> bytes:
         entries = b"".join(
             piece.type
             + struct.pack("<Q", len(piece.payload))
-            + (piece.payload[:40] if piece.type == b"GOPD" else b"").ljust(40, b"\0")
+            + (piece.payload[:SUMMARY_BYTES] if piece.type == b"GOPD" else bytes(SUMMARY_BYTES))
             for piece in chunks
             if piece.type != HEAD_TYPE
         )
@@ -87,17 +87,17 @@ def patched(data: bytes, kind: bytes, offset: int, layout: str, *values: float |
 
 #: Offset of the plane table in a GOP whose timing is a single run of small numbers.
 TABLE_OFFSET = GOP_HEAD_BYTES + 3
-ENTRY_BYTES = 20
+ENTRY_BYTES = 16
 
 
 def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> bytes:
     """A GOP's payload with one plane's bytes replaced, and fields of its table entry.
 
-    Fields: attribute, component, codec, bits, width, height, offset, step.
+    Fields: attribute, component, codec, bits, offset, step.
     """
-    names = ("attribute", "component", "codec", "bits", "width", "height", "offset", "step", "size")
-    layout = struct.Struct("<BBBBHHffI")
-    (planes,) = struct.unpack_from("<H", payload, GOP_HEAD_BYTES - 10)
+    names = ("attribute", "component", "codec", "bits", "offset", "step", "size")
+    layout = struct.Struct("<BBBBffI")
+    (planes,) = struct.unpack_from("<H", payload, SUMMARY_BYTES + 2)
     starts = [TABLE_OFFSET + ENTRY_BYTES * i for i in range(planes)]
     entries = [dict(zip(names, layout.unpack_from(payload, at), strict=True)) for at in starts]
     parts = []

@@ -1,1 +1,1 @@
-"""The bitstream: chunks, header, index, recovery, payloads of GOPs and backgrounds."""
+"""The bitstream: chunks, header, index, recovery, payloads of GOPs."""

@@ -16,7 +16,6 @@ Payload = bytes | mmap
 SIGNATURE = b"\x89GSV\r\n\x1a\n"
 
 HEAD_TYPE = b"HEAD"
-BACKGROUND_TYPE = b"SCNE"
 GOP_TYPE = b"GOPD"
 INDEX_TYPE = b"indx"
 END_TYPE = b"fend"
@@ -24,7 +23,7 @@ SETTINGS_TYPE = b"sett"
 METADATA_TYPE = b"meta"
 STREAMS_TYPE = b"strm"
 
-CRITICAL_TYPES = frozenset({HEAD_TYPE, BACKGROUND_TYPE, GOP_TYPE})
+CRITICAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE})
 #: Types that only the writer itself may write; `add_auxiliary` refuses them.
 STRUCTURAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE, INDEX_TYPE, END_TYPE})
 

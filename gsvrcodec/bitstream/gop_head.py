@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Container
 from dataclasses import dataclass
 
 from gsvrcodec.bitstream.chunk import GOP_TYPE, ChunkEntry
-from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.header import VERSION_MINOR, Header
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.attributes import GopShape
 
@@ -100,14 +101,26 @@ class GopSummary:
                 f"timestamp {self.start_pts} does not come after {previous.last_pts}"
             )
 
+    def check_reference(self, first_frames: Container[int]) -> None:
+        """Check that the reference is one of the GOPs before, given by their first frames.
+
+        Raises:
+            CorruptError: No GOP before this one starts at the frame that the GOP refers to.
+        """
+        if not self.is_key and self.reference_frame not in first_frames:
+            raise CorruptError(
+                f"the GOP at frame {self.first_frame} refers to frame {self.reference_frame}, "
+                "where no GOP starts"
+            )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GopHead(GopSummary):
-    """The first 72 bytes of a GOP's payload."""
+    """The head of a GOP's payload."""
 
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
     planes: int  #: entries of the plane table
-    length: int = GOP_HEAD_BYTES  #: bytes of the head
+    length: int = GOP_HEAD_BYTES  #: bytes of the head; more in files of newer versions
     carried_from: int = 0  #: Gaussians of the reference
     dropped: int = 0  #: of these, Gaussians that the GOP does not take over
     changed: int = 0  #: of these, Gaussians whose look changes
@@ -124,7 +137,7 @@ class GopHead(GopSummary):
         return GopShape(self.new, self.grid, self.carried_from, self.changed, self.moved)
 
     def to_bytes(self) -> bytes:
-        """The 72 bytes of the head."""
+        """The 72 bytes of the head that this version knows."""
         shape = _SHAPE.pack(
             self.length,
             self.planes,
@@ -137,8 +150,19 @@ class GopHead(GopSummary):
         )
         return self.summary_bytes() + shape
 
+    def entry(self, chunk: ChunkEntry) -> GopEntry:
+        """The summary with the place of the GOP's chunk."""
+        return GopEntry(
+            **{name: getattr(self, name) for name in _FIELDS}, offset=chunk.offset, size=chunk.size
+        )
+
     def check_maxima(self, header: Header) -> None:
-        """Raise a CorruptError if the GOP exceeds a maximum of the header."""
+        """Raise a CorruptError if the GOP exceeds a maximum of the header.
+
+        Only in a file of a newer minor version may the head be longer than this version knows.
+        """
+        if self.length > GOP_HEAD_BYTES and header.version_minor <= VERSION_MINOR:
+            raise CorruptError(f"GOP head of {self.length} bytes, expected {GOP_HEAD_BYTES}")
         most = max(self.gaussians, self.carried_from)
         if most > header.max_gaussians:
             raise CorruptError(f"{most} Gaussians, the header's maximum is {header.max_gaussians}")
@@ -173,7 +197,7 @@ def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
 
 
 def parse_gop_head(payload: bytes) -> GopHead:
-    """Parse the head at the start of a GOP's payload.
+    """Parse the head at the start of a GOP's payload; its first 72 bytes suffice.
 
     Raises:
         CorruptError: The payload is shorter than the head, or a field breaks a rule of the spec.
@@ -194,8 +218,10 @@ def parse_gop_head(payload: bytes) -> GopHead:
         moved=moved,
     )
     head.check()
-    if length != GOP_HEAD_BYTES or zero:
+    if length < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP head of {length} bytes, expected {GOP_HEAD_BYTES}")
+    if zero:
+        raise CorruptError(f"reserved bytes of a GOP head are {zero:#06x}, expected 0")
     if carried_from and head.is_key:
         raise CorruptError(f"key GOP that carries {carried_from} Gaussians")
     kept = carried_from - dropped

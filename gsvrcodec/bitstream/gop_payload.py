@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import pack_planes, unpack_planes
-from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopHead, parse_gop_head
+from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
@@ -18,7 +18,7 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, GopShape
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
-from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, carry_over
+from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes, carry_over
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS, Codec
@@ -42,14 +42,17 @@ class GopContent:
         """Return the whole GOP.
 
         Args:
-            reference: the GOP that this one refers to; None for a key GOP.
-            frames: of the reference.
+            reference: The GOP that this one refers to; None for a key GOP.
+            frames: Frames of the reference.
 
         Raises:
             CorruptError: The reference has another number of Gaussians than the GOP expects.
+            ValueError: The GOP is predicted, and no reference is given.
         """
-        if self.carried is None or reference is None:
+        if self.carried is None:
             return self.new
+        if reference is None:
+            raise ValueError(f"the GOP at frame {self.first_frame} needs its reference")
         if len(reference) != len(self.carried.mode):
             raise CorruptError(
                 f"the reference has {len(reference)} Gaussians, "
@@ -82,8 +85,11 @@ def pack_gop(
         carried: How the Gaussians of the reference go on; None = key GOP.
 
     Raises:
-        ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent.
+        ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent;
+            a key GOP has carried Gaussians, or a predicted one none; modes and values disagree.
     """
+    if bool(reference) != (carried is not None):
+        raise ValueError("a predicted GOP has a reference and carried Gaussians, a key GOP neither")
     if not 1 <= len(pts) == len(durations):
         raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
     order = strip_order(gop.position)
@@ -91,34 +97,33 @@ def pack_gop(
     for attribute in ATTRIBUTES:
         samples: Float32Array = getattr(gop, attribute.name)
         values[attribute.name] = samples[order] if attribute.grid == "gaussians" else samples
-    shape, kept, dropped = GopShape(len(gop), grid_size(gop)), 0, 0
+    dropped = changed = moved = 0
     if carried is not None:
         values |= {a.name: getattr(carried, field) for a, field in _FIELDS.items()}
         values[MODE.name] = carried.mode.astype(np.float32)
-        kept = carried.kept
-        dropped = len(carried.mode) - kept
-        shape = GopShape(
-            len(gop),
-            grid_size(gop),
-            len(carried.mode),
-            len(carried.position),
-            len(carried.indicator),
-        )
+        dropped, changed, moved = _counts(carried.mode)
+        if (changed, moved) != (len(carried.position), len(carried.indicator)):
+            raise ValueError(
+                f"modes of {changed} changed and {moved} moved Gaussians with "
+                f"{len(carried.position)} changes and {len(carried.indicator)} motions"
+            )
+    from_reference = 0 if carried is None else len(carried.mode)
+    shape = GopShape(len(gop), grid_size(gop), from_reference, changed, moved)
     planes, data = pack_planes(values, shape, precision, codecs)
     head = GopHead(
         first_frame=first_frame,
         frames=len(pts),
-        gaussians=kept + len(gop),
+        gaussians=from_reference - dropped + len(gop),
         start_pts=int(pts[0]),
         last_pts=int(pts[-1]),
         last_duration=int(durations[-1]),
         reference=reference,
         grid=shape.grid,
         planes=planes,
-        carried_from=shape.reference,
+        carried_from=from_reference,
         dropped=dropped,
-        changed=shape.changed,
-        moved=shape.moved,
+        changed=changed,
+        moved=moved,
     )
     return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
 
@@ -158,7 +163,7 @@ def _parse(
     limits.check("gaussians", head.gaussians, "the number of Gaussians in a GOP")
     limits.check("gaussians", head.carried_from, "the number of Gaussians in a reference")
     limits.check("gop_frames", head.frames, "the number of frames in a GOP")
-    pts, durations, offset = unpack_timing(payload, GOP_HEAD_BYTES, head.start_pts, head.frames)
+    pts, durations, offset = unpack_timing(payload, head.length, head.start_pts, head.frames)
     if (int(pts[-1]), int(durations[-1])) != (head.last_pts, head.last_duration):
         raise CorruptError(
             f"last frame at {pts[-1]} for {durations[-1]} ticks, "
@@ -172,19 +177,24 @@ def _carried(values: dict[str, Float32Array], head: GopHead) -> Carried:
     """How the Gaussians of the reference go on; checks that modes and counts agree."""
     found = {field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()}
     mode = found.pop(MODE.name).astype(np.uint8)
-    counts = [
-        int((mode == DROPPED).sum()),
-        int(((mode & CHANGED) != 0).sum()),
-        int(((mode & MOVED) != 0).sum()),
-    ]
     if mode.size and mode.max() > DROPPED:
         raise CorruptError(f"mode {mode.max()} of a Gaussian, expected at most {DROPPED}")
-    if counts != [head.dropped, head.changed, head.moved]:
+    dropped, changed, moved = _counts(mode)
+    if (dropped, changed, moved) != (head.dropped, head.changed, head.moved):
         raise CorruptError(
-            "{} Gaussians are dropped, {} changed and {} moved".format(*counts)
-            + f", the GOP's head says {head.dropped}, {head.changed} and {head.moved}"
+            f"{dropped} Gaussians are dropped, {changed} changed and {moved} moved, "
+            f"the GOP's head says {head.dropped}, {head.changed} and {head.moved}"
         )
     return Carried(mode=mode, **found)
+
+
+def _counts(mode: Modes) -> tuple[int, int, int]:
+    """Numbers of Gaussians that are dropped, changed and moved."""
+    return (
+        int(np.count_nonzero(mode == DROPPED)),
+        int(np.count_nonzero(mode & CHANGED)),
+        int(np.count_nonzero(mode & MOVED)),
+    )
 
 
 def _gop(values: dict[str, Float32Array], shape: GopShape) -> Gop:

@@ -10,14 +10,20 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 VERSION_MAJOR = 0
-VERSION_MINOR = 4
+VERSION_MINOR = 5
 
 #: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
 PYRAMID_FLAG = 1
-#: Must-understand flag: GOPs may show the Gaussians of a background. Set since version 0.4.
-BACKGROUNDS_FLAG = 2
+#: Must-understand flag: GOPs may be predicted from earlier ones. Set since version 0.5.
+PREDICTION_FLAG = 4
 #: The must-understand flags of this version; a file must have all of them set.
-KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | BACKGROUNDS_FLAG
+KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | PREDICTION_FLAG
+
+#: Flag that may be ignored: planes coded as PNG or JPEG XL occur.
+IMAGE_CODECS_FLAG = 1
+
+#: The oldest minor version that this decoder reads; older GOP heads had another layout.
+_OLDEST_MINOR = 5
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
@@ -55,7 +61,7 @@ class Header:
     #: must-understand flags: a reader refuses a file with an unknown bit set
     flags_required: int = KNOWN_REQUIRED_FLAGS
     flags_optional: int = 0  #: flags that a reader may ignore
-    max_gaussians: int = 0  #: most Gaussians in a GOP, those of its background included
+    max_gaussians: int = 0  #: most Gaussians in a GOP, those carried over included
     max_gop_frames: int = 0  #: most frames in a GOP
     max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt of a GOP
     frames: int = 0  #: frames in the file, 0 = not known (the writer was not closed)
@@ -65,6 +71,11 @@ class Header:
     def version(self) -> str:
         """Bitstream version as text, major.minor."""
         return f"{self.version_major}.{self.version_minor}"
+
+    @property
+    def image_codecs(self) -> bool:
+        """Whether planes coded as PNG or JPEG XL may occur."""
+        return bool(self.flags_optional & IMAGE_CODECS_FLAG)
 
     def to_bytes(self) -> bytes:
         """The payload of the header chunk, always HEADER_BYTES long.
@@ -110,7 +121,7 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
 
     Raises:
         UnsupportedError: Another major version, an unknown must-understand flag, or a version
-            before 0.4.
+            before 0.5.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -121,6 +132,11 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
         raise UnsupportedError(
             f"the file has bitstream version {major}.{minor}, "
             f"this decoder reads {VERSION_MAJOR}.x (written for {VERSION_MAJOR}.{VERSION_MINOR})"
+        )
+    if minor < _OLDEST_MINOR:
+        raise UnsupportedError(
+            f"the file has bitstream version {major}.{minor}; this decoder reads "
+            f"{VERSION_MAJOR}.{_OLDEST_MINOR} and later: encode the video anew"
         )
     # A newer minor version may append fields; in our own version the length is fixed.
     newer = minor > VERSION_MINOR
@@ -134,9 +150,9 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
             f"version {header.version}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
         )
     if header.flags_required != KNOWN_REQUIRED_FLAGS:
-        raise UnsupportedError(
-            f"the file has bitstream version {header.version}; this decoder reads 0.4 and later: "
-            "encode the video anew"
+        raise CorruptError(
+            f"flags {header.flags_required:#010x} in a file of version {header.version}, "
+            f"expected {KNOWN_REQUIRED_FLAGS:#010x}"
         )
     problem = _problem(header)
     if problem:

@@ -69,6 +69,7 @@ def parse_index(
         raise CorruptError(f"index of {len(payload)} bytes for {count} chunks")
     chunks: list[ChunkEntry] = []
     gops: list[GopEntry] = []
+    first_frames: set[int] = set()
     offset = start
     for position in range(_COUNT.size, len(payload), ENTRY_BYTES):
         kind, size = _ENTRY.unpack_from(payload, position)
@@ -83,6 +84,8 @@ def parse_index(
             summary = payload[position + _ENTRY.size : position + ENTRY_BYTES]
             gops.append(unpack_summary(summary, chunk))
             gops[-1].check_follows(gops[-2] if len(gops) > 1 else None)
+            gops[-1].check_reference(first_frames)
+            first_frames.add(gops[-1].first_frame)
     if offset != end:
         raise CorruptError(f"index ends at byte {offset}, expected {end}")
     return chunks, gops

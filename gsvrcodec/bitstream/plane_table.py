@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+from gsvrcodec.bitstream.plane_codecs import PLANE_ENTRY
 from gsvrcodec.errors import CorruptError, UnsupportedError
-from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, Attribute
-from gsvrcodec.model.quantise import Quantiser
+from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, MODE, Attribute
+from gsvrcodec.model.quantise import MODE_QUANTISER, Quantiser
 from gsvrcodec.planes.samples import MAX_BITS
 from gsvrcodec.planes.table import Codec
 
-_ENTRY = struct.Struct("<BBBBffI")
-PLANE_ENTRY_BYTES = _ENTRY.size
+PLANE_ENTRY_BYTES = PLANE_ENTRY.size
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +37,7 @@ class PlaneEntry:
 
     def to_bytes(self) -> bytes:
         """The 16 bytes of the entry."""
-        return _ENTRY.pack(
+        return PLANE_ENTRY.pack(
             self.attribute.id,
             self.component,
             self.codec,
@@ -73,7 +72,7 @@ def parse_plane_table(
     end = offset + planes * PLANE_ENTRY_BYTES
     if end > len(payload):
         raise CorruptError(f"plane table of {planes} planes cut short")
-    raw = list(_ENTRY.iter_unpack(payload[offset:end]))
+    raw = list(PLANE_ENTRY.iter_unpack(payload[offset:end]))
     for attribute_id, _, codec, *_ in raw:
         if attribute_id not in ATTRIBUTE_BY_ID:
             raise UnsupportedError(f"unknown attribute {attribute_id} in a plane table")
@@ -108,6 +107,8 @@ def _quantiser(
     if step == 0 and codec != Codec.CONSTANT:
         raise CorruptError(f"plane {attribute.name} with step 0 is not constant")
     quantiser = Quantiser(bits, offset, step)
+    if attribute is MODE and quantiser != MODE_QUANTISER:
+        raise CorruptError(f"plane mode of {bits} bits with offset {offset:g} and step {step:g}")
     if offset < attribute.low or quantiser.last > attribute.high:
         raise CorruptError(
             f"plane {attribute.name} spans {offset:g} to {quantiser.last:g}, "

@@ -5,18 +5,10 @@ from __future__ import annotations
 import json
 import os
 from bisect import bisect_right
-from contextlib import suppress
-from functools import cached_property
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import (
-    BACKGROUND_HEAD_BYTES,
-    BackgroundEntry,
-    parse_background_head,
-)
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     CRITICAL_TYPES,
     END_TYPE,
     HEAD_BYTES,
@@ -93,7 +85,8 @@ class GsvrReader:
         self._first_frames = [gop.first_frame for gop in gops]
         if not gops:
             raise CorruptError("the file has no whole GOP; " + "; ".join(warnings))
-        self._warnings = (*warnings, *self._count_warnings())
+        self._references = self._linked()
+        self._warnings = (*warnings, *self._lost_warnings(), *self._count_warnings())
 
     @property
     def header(self) -> Header:
@@ -112,8 +105,8 @@ class GsvrReader:
 
     @property
     def gaussians(self) -> int:
-        """Sum of the Gaussians of all GOPs and backgrounds."""
-        return sum(g.gaussians for g in self._gops) + sum(s.gaussians for s in self.backgrounds)
+        """Sum of the Gaussians of all GOPs, those carried over included."""
+        return sum(gop.gaussians for gop in self._gops)
 
     @property
     def frames(self) -> int:
@@ -149,6 +142,36 @@ class GsvrReader:
             raise CorruptError(f"frame {frame} is lost")
         return position
 
+    def reference_of(self, position: int) -> int | None:
+        """Position in `gops` of the GOP that `gops[position]` is predicted from; None = a key GOP.
+
+        Raises:
+            CorruptError: The reference was lost.
+        """
+        entry = self._gops[position]
+        if entry.is_key:
+            return None
+        reference = self._references[position]
+        if reference is None:
+            raise CorruptError(
+                f"the GOP at frame {entry.reference_frame} is lost, "
+                f"which the GOP at frame {entry.first_frame} is predicted from",
+                chunk=entry.chunk.name,
+                offset=entry.offset,
+            )
+        return reference
+
+    def chain_of(self, position: int) -> list[int]:
+        """Positions of the GOPs that `gops[position]` needs: from its key GOP up to itself.
+
+        Raises:
+            CorruptError: A GOP of the chain was lost.
+        """
+        chain = [position]
+        while (reference := self.reference_of(chain[-1])) is not None:
+            chain.append(reference)
+        return chain[::-1]
+
     def read_gop(self, position: int) -> bytes:
         """The payload of `gops[position]`, checked against its CRC and its index entry.
 
@@ -167,20 +190,6 @@ class GsvrReader:
                 offset=entry.offset,
             )
         return payload
-
-    def find_background(self, number: int, position: int) -> BackgroundEntry:
-        """The background with number `number` that stands before `gops[position]`.
-
-        Raises:
-            CorruptError: There is no such background before the GOP.
-        """
-        for background in self.backgrounds:
-            if (
-                background.number == number
-                and background.chunk.offset < self._gops[position].offset
-            ):
-                return background
-        raise CorruptError(f"background {number} is lost")
 
     def read_chunk(self, chunk: ChunkEntry) -> bytes:
         """The payload of one of `chunks`, checked against its CRC.
@@ -246,21 +255,6 @@ class GsvrReader:
         payload = self.auxiliary(METADATA_TYPE)
         return Tags() if payload is None else parse_tags(payload)
 
-    @cached_property
-    def backgrounds(self) -> tuple[BackgroundEntry, ...]:
-        """The backgrounds in file order, without any of damaged head or number out of order."""
-        found: list[BackgroundEntry] = []
-        for chunk in self._chunks:
-            if chunk.type == BACKGROUND_TYPE and chunk.size >= BACKGROUND_HEAD_BYTES:
-                start = self._source.read(chunk.payload_offset, BACKGROUND_HEAD_BYTES)
-                with suppress(CorruptError):
-                    head = parse_background_head(start)
-                    if not found or head.number > found[-1].number:
-                        found.append(
-                            BackgroundEntry(head.number, head.gaussians, head.planes, chunk)
-                        )
-        return tuple(found)
-
     @property
     def streams(self) -> tuple[ChunkEntry, ...]:
         """The `strm` chunks; each payload is a container file with one copied stream."""
@@ -321,6 +315,34 @@ class GsvrReader:
                     "and this decoder does not know it"
                 )
         return [*chunks, index_chunk, end_chunk], gops
+
+    def _linked(self) -> list[int | None]:
+        """Position of the reference of each GOP; None = a key GOP, or the reference was lost.
+
+        Raises:
+            LimitError: A chain of references is over the limit.
+        """
+        positions: dict[int, int] = {}
+        references: list[int | None] = []
+        lengths: list[int] = []
+        for position, gop in enumerate(self._gops):
+            reference = None if gop.is_key else positions.get(gop.reference_frame)
+            references.append(reference)
+            lengths.append(1 if reference is None else lengths[reference] + 1)
+            positions[gop.first_frame] = position
+        self._limits.check("chain", max(lengths), "the number of GOPs in a chain of references")
+        return references
+
+    def _lost_warnings(self) -> list[str]:
+        """A warning if references of GOPs were lost."""
+        lost = [
+            gop.first_frame
+            for gop, reference in zip(self._gops, self._references, strict=True)
+            if reference is None and not gop.is_key
+        ]
+        if not lost:
+            return []
+        return [f"{len(lost)} GOPs are predicted from lost ones, the first at frame {lost[0]}"]
 
     def _count_warnings(self) -> list[str]:
         """Warnings about counts of the header that differ from the content; the content wins."""

@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass, field
 
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     CRITICAL_TYPES,
     END_TYPE,
     GOP_TYPE,
@@ -24,7 +23,7 @@ from gsvrcodec.limits import Limits
 
 _WINDOW_BYTES = 1 << 20
 _MAX_WARNINGS = 20
-_SOUGHT = re.compile(re.escape(GOP_TYPE) + b"|" + re.escape(BACKGROUND_TYPE))
+_SOUGHT = re.compile(re.escape(GOP_TYPE))
 
 
 @dataclass(slots=True)
@@ -49,7 +48,7 @@ class Walk:
 
 
 def walk(source: Source, begin: int, limits: Limits) -> Walk:
-    """Walk from chunk head to chunk head; after damage go on at the next GOP or background.
+    """Walk from chunk head to chunk head; after damage go on at the next GOP.
 
     Of payloads only the heads of GOPs are read.
 
@@ -139,7 +138,7 @@ def _add_gop(chunk: ChunkEntry, start: bytes, found: Walk) -> None:
 
 
 def _next_sound(source: Source, start: int, limits: Limits, tries: int) -> tuple[int | None, int]:
-    """Offset of the next valid head of a GOP or background, None = none; and the count of tries.
+    """Offset of the next valid head of a GOP, None = none; and the count of tries.
 
     A payload may hold bytes that look like a chunk type; the CRC of the chunk head decides.
     """

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsvrcodec.bitstream.varint import put_varint, take_varint
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.time import Ticks
-
-#: 63 bits in groups of seven.
-_MAX_VARINT_BYTES = 9
 
 
 def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
@@ -32,7 +30,7 @@ def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
     out = bytearray()
     for count, (step, duration) in zip(counts, pairs[starts], strict=True):
         for number in (count, step, duration):
-            _put_varint(out, int(number))
+            put_varint(out, int(number))
     return bytes(out)
 
 
@@ -52,9 +50,9 @@ def unpack_timing(
     durations: list[int] = []
     left = frames
     while left:
-        count, offset = _take_varint(data, offset)
-        step, offset = _take_varint(data, offset)
-        duration, offset = _take_varint(data, offset)
+        count, offset = take_varint(data, offset)
+        step, offset = take_varint(data, offset)
+        duration, offset = take_varint(data, offset)
         if not 1 <= count <= left:
             raise CorruptError(f"timing run of {count} frames where {left} are left")
         if not 1 <= step < 1 << 62 or duration >= 1 << 62:
@@ -68,22 +66,3 @@ def unpack_timing(
     all_steps = np.repeat(np.array(steps, np.int64), counts)
     pts = np.cumsum(np.concatenate([[np.int64(start_pts)], all_steps[:-1]]), dtype=np.int64)
     return pts, np.repeat(np.array(durations, np.int64), counts), offset
-
-
-def _put_varint(out: bytearray, number: int) -> None:
-    """Append a varint: seven bits a byte, lowest first, the high bit set on all but the last."""
-    while number > 0x7F:
-        out.append(0x80 | number & 0x7F)
-        number >>= 7
-    out.append(number)
-
-
-def _take_varint(data: bytes, offset: int) -> tuple[int, int]:
-    number = 0
-    for position, byte in enumerate(data[offset : offset + _MAX_VARINT_BYTES]):
-        number |= (byte & 0x7F) << 7 * position
-        if byte < 0x80:
-            if position and not byte:
-                break
-            return number, offset + position + 1
-    raise CorruptError("timing run cut short or with an overlong number")

@@ -6,9 +6,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from gsvrcodec.bitstream.background_head import parse_background_head
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     END_TYPE,
     GOP_TYPE,
     HEAD_TYPE,
@@ -22,30 +20,39 @@ from gsvrcodec.bitstream.chunk import (
     chunk_parts,
     is_critical,
 )
-from gsvrcodec.bitstream.gop_head import GopEntry, parse_gop_head, unpack_summary
-from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.gop_head import GopEntry, parse_gop_head
+from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
 from gsvrcodec.bitstream.index import END_CHUNK_BYTES, end_payload, index_bytes, index_payload
+from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS, plane_codecs
 
 
 class GsvrWriter:
-    """Writes the header, GOPs, backgrounds and auxiliary chunks of a file, and then the index.
+    """Writes the header, GOPs and auxiliary chunks of a file, and then the index.
 
     The writer keeps the maxima and counts of the header: it rewrites the header chunk, which has a
-    fixed size, when a GOP raises a maximum, and once more in `close`.
+    fixed size, when a GOP raises a maximum or is the first with planes of image codecs, and once
+    more in `close`.
 
     Args:
         file: Empty, writable and seekable; `close` leaves it open.
-        header: Picture, colour and time base; the writer replaces its maxima and counts.
+        header: Picture, colour and time base; the writer replaces maxima, counts, and the flag of
+            image codecs.
     """
 
     def __init__(self, file: BinaryIO, header: Header):
         self._file = file
         self._header = replace(
-            header, max_gaussians=0, max_gop_frames=0, max_grid=(0, 0, 0), frames=0, gops=0
+            header,
+            flags_optional=header.flags_optional & ~IMAGE_CODECS_FLAG,
+            max_gaussians=0,
+            max_gop_frames=0,
+            max_grid=(0, 0, 0),
+            frames=0,
+            gops=0,
         )
         self._chunks: list[ChunkEntry] = []
         self._gops: list[GopEntry] = []
-        self._backgrounds: dict[int, int] = {}
+        self._by_first_frame: dict[int, GopEntry] = {}
         self._closed = False
         start = SIGNATURE + chunk_bytes(HEAD_TYPE, self._header.to_bytes())
         file.seek(0)
@@ -64,28 +71,13 @@ class GsvrWriter:
 
     @property
     def gaussians(self) -> int:
-        """Gaussians of all GOPs and backgrounds written so far."""
-        return sum(gop.gaussians for gop in self._gops) + sum(self._backgrounds.values())
+        """Sum of the Gaussians of all GOPs written so far, those carried over included."""
+        return sum(gop.gaussians for gop in self._gops)
 
     @property
     def size(self) -> int:
         """Bytes written so far."""
         return self._end
-
-    def add_background(self, payload: bytes) -> None:
-        """Append a background chunk; must come before the first GOP that shows the background.
-
-        Args:
-            payload: As from `pack_background`.
-
-        Raises:
-            ValueError: The head is invalid, or the number not above that of the last background.
-        """
-        head = parse_background_head(payload)
-        if head.number <= max(self._backgrounds, default=0):
-            raise ValueError(f"background {head.number} after background {max(self._backgrounds)}")
-        self._append(BACKGROUND_TYPE, payload)
-        self._backgrounds[head.number] = head.gaussians
 
     def add_gop(self, payload: bytes) -> GopEntry:
         """Append a GOP chunk.
@@ -97,19 +89,26 @@ class GsvrWriter:
             Summary and place of the GOP.
 
         Raises:
-            ValueError: The head is invalid, does not follow the last GOP, or refers to a
-                background that was not added.
+            ValueError: The head is invalid, does not follow the last GOP, or refers to a GOP that
+                was not added or has another number of Gaussians.
         """
         head = parse_gop_head(payload)
-        if self._backgrounds.get(head.background, 0) != head.background_gaussians:
-            raise ValueError(f"the GOP shows background {head.background}, which was not added")
-        entry = unpack_summary(payload, ChunkEntry(GOP_TYPE, self._end, len(payload)))
-        entry.check_follows(self._gops[-1] if self._gops else None)
+        head.check_follows(self._gops[-1] if self._gops else None)
+        head.check_reference(self._by_first_frame)
+        if not head.is_key:
+            reference = self._by_first_frame[head.reference_frame]
+            if reference.gaussians != head.carried_from:
+                raise ValueError(
+                    f"the reference has {reference.gaussians} Gaussians, "
+                    f"the GOP expects {head.carried_from}"
+                )
+        image_codecs = not IMAGE_CODECS.isdisjoint(plane_codecs(payload, head))
         most = self._header.max_grid
         self._rewrite_header(
             replace(
                 self._header,
-                max_gaussians=max(self._header.max_gaussians, head.most_drawn),
+                flags_optional=self._header.flags_optional | IMAGE_CODECS_FLAG * image_codecs,
+                max_gaussians=max(self._header.max_gaussians, head.gaussians),
                 max_gop_frames=max(self._header.max_gop_frames, head.frames),
                 max_grid=(
                     max(most[0], head.grid[0]),
@@ -118,8 +117,10 @@ class GsvrWriter:
                 ),
             )
         )
+        entry = head.entry(ChunkEntry(GOP_TYPE, self._end, len(payload)))
         self._append(GOP_TYPE, payload)
         self._gops.append(entry)
+        self._by_first_frame[entry.first_frame] = entry
         return entry
 
     def add_auxiliary(self, kind: bytes, payload: Payload) -> None:

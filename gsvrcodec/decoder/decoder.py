@@ -139,7 +139,7 @@ class Decoder:
 
         Raises:
             IndexError: `index` is out of range.
-            CorruptError: The GOP of the frame, or its background, is damaged.
+            CorruptError: The GOP of the frame, or one that it is predicted from, is damaged.
             ValueError: The decoder is closed.
         """
         return self.get_frames_at([index])[0]
@@ -213,6 +213,7 @@ class Decoder:
 
         At the timestamp of a frame this is the frame; between two frames of a GOP the Gaussians are
         rendered at that time. Between the last frame of a GOP and the first frame of the next GOP
+        the Gaussians go in a straight line if the next GOP is predicted from this one; otherwise
         the two frames are cross-faded, or the last frame is held if a cut lies between them.
 
         Args:
@@ -225,7 +226,7 @@ class Decoder:
             (H, W, 3), uint8, or uint16 for a bit depth over 8.
 
         Raises:
-            CorruptError: The GOP, or its background, is damaged.
+            CorruptError: The GOP, or one that it is predicted from, is damaged.
             LimitError: The size is over the limits.
             UsageError: The size is invalid.
             ValueError: The video shows no frame at that time, or the decoder is closed.
@@ -247,7 +248,8 @@ class Decoder:
             gop, moments = self._gops.get(position), list(group)
             part = data[start : start + len(moments)]
             if between:
-                self._maker.fade(gop, self._gops.get(position + 1), moments, pixels, part)
+                following = self._gops.get(position + 1)
+                self._maker.between(gop, following, moments, pixels, part)
             else:
                 self._maker.moments(gop, moments, pixels, part)
             start += len(moments)

@@ -75,7 +75,7 @@ class Metadata:
     height: int  #: pixels
     frames: int  #: frames in the video
     gops: int  #: GOPs in the video
-    gaussians: int  #: sum over all GOPs and backgrounds
+    gaussians: int  #: sum over all GOPs, those carried over included
     time_base: Fraction  #: seconds a tick
     begin_seconds: Fraction  #: timestamp of the first frame
     end_seconds: Fraction  #: end of the last frame

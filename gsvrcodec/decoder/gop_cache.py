@@ -5,23 +5,17 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from threading import Lock
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_head import BackgroundEntry
-from gsvrcodec.bitstream.background_payload import unpack_background
-from gsvrcodec.bitstream.chunk import ChunkEntry
-from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.background import Background, append_background
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.time import Ticks
@@ -35,17 +29,32 @@ CACHED_GOPS = 4
 class ReadyGop:
     """An unpacked GOP, ready to be rendered."""
 
-    prepared: Prepared  #: its Gaussians and those of its background, where they are rendered
-    first_frame: int  #: number of its first frame in the file
-    pts: Ticks  #: (F,) presentation timestamps, ticks
-    durations: Ticks  #: (F,) durations, ticks, 0 = not known
+    prepared: Prepared  #: its Gaussians, those carried over included, where they are rendered
+    position: int  #: its position in the file
+    whole: WholeGop  #: what it was prepared from
+
+    @property
+    def first_frame(self) -> int:
+        """Number of its first frame in the file."""
+        return self.whole.first_frame
+
+    @property
+    def pts(self) -> Ticks:
+        """Presentation timestamps, shape (F,), ticks."""
+        return self.whole.pts
+
+    @property
+    def durations(self) -> Ticks:
+        """Durations, shape (F,), ticks, 0 = not known."""
+        return self.whole.durations
 
 
 class GopCache:
     """Unpacked GOPs of a file; the `CACHED_GOPS` used last stay in memory. Thread-safe.
 
     A thread of the cache unpacks GOPs, so that the next GOP can be unpacked while frames of the
-    current GOP are rendered.
+    current GOP are rendered. It keeps as many GOPs without what rendering needs, for GOPs that
+    are predicted from them.
     """
 
     def __init__(
@@ -61,16 +70,17 @@ class GopCache:
         self._start_pts = [entry.start_pts for entry in self.reader.gops]
         self._prepare = prepare
         self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
-        self._unpacker = ThreadPoolExecutor(1, "gsvr-unpack")
-        self._last_background: Background | None = None
+        self._unpacker = GopUnpacker(self.reader, self._limits, CACHED_GOPS)
+        self._worker = ThreadPoolExecutor(1, "gsvr-unpack")
         self._lock = Lock()
         self._closed = False
 
     def get(self, position: int) -> ReadyGop:
-        """Return GOP `position` of the reader, with the Gaussians of its background appended.
+        """Return GOP `position` of the reader, with the Gaussians that it takes over.
 
         Raises:
-            CorruptError: The GOP or its background is damaged; chunk and offset are named.
+            CorruptError: The GOP, or one that it is predicted from, is damaged or lost; chunk and
+                offset are named.
             ValueError: The file is closed.
         """
         try:
@@ -117,7 +127,7 @@ class GopCache:
         """Drop all GOPs and close the file."""
         with self._lock:
             self._closed = True
-        self._unpacker.shutdown(cancel_futures=True)
+        self._worker.shutdown(cancel_futures=True)
         with self._lock:
             self._cache.clear()
             self.reader.close()
@@ -127,39 +137,13 @@ class GopCache:
         with self._lock:
             self.check_open()
             if position not in self._cache:
-                self._cache[position] = self._unpacker.submit(self._unpacked, position)
+                self._cache[position] = self._worker.submit(self._ready, position)
                 if len(self._cache) > CACHED_GOPS:
                     self._cache.popitem(last=False)
             self._cache.move_to_end(position)
             return self._cache[position]
 
-    def _unpacked(self, position: int) -> ReadyGop:
-        """Read, unpack and prepare a GOP with the Gaussians of its background that it shows."""
-        chunk = self.reader.gops[position].chunk
-        payload = self.reader.read_gop(position)
-        with _located(chunk):
-            content = unpack_gop(payload, self.reader.header, self._limits)
-        gop = content.gop
-        if content.shown is not None:
-            with _located(chunk):
-                entry = self.reader.find_background(content.background, position)
-            with _located(entry.chunk):
-                gop = append_background(gop, self._background(entry), content.shown)
-        prepared = self._prepare(by_level(gop))
-        return ReadyGop(prepared, content.first_frame, content.pts, content.durations)
-
-    def _background(self, entry: BackgroundEntry) -> Background:
-        """Return a background, unpacked once for all GOPs in a row; for the unpacking thread."""
-        if self._last_background is None or self._last_background.number != entry.number:
-            payload = self.reader.read_chunk(entry.chunk)
-            self._last_background = unpack_background(payload, self._limits)
-        return self._last_background
-
-
-@contextmanager
-def _located(chunk: ChunkEntry) -> Iterator[None]:
-    """Add type and offset of `chunk` to a `CorruptError` of the block that names no place."""
-    try:
-        yield
-    except CorruptError as error:
-        raise error.located(chunk.name, chunk.offset) from error
+    def _ready(self, position: int) -> ReadyGop:
+        """Unpack and prepare a GOP; on the unpacking thread alone."""
+        whole = self._unpacker.unpack(position)
+        return ReadyGop(self._prepare(by_level(whole.gop)), position, whole)

@@ -11,11 +11,15 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.bitstream.gop_chain import WholeGop
 from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.errors import UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.layers import Layers, select_layers
+from gsvrcodec.model.layers import Layers, dynamic, select_layers
+from gsvrcodec.model.passage import Passage
+from gsvrcodec.model.pyramid import by_level
+from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time, time_at
 from gsvrcodec.render import Backend, Codes, Prepared, empty_frames
 
@@ -69,6 +73,25 @@ class PictureMaker:
         taus = np.array([time_at(gop.pts, tick) for tick in ticks], np.float32)
         self._render(gop.prepared, taus, size, out)
 
+    def between(
+        self,
+        before: ReadyGop,
+        after: ReadyGop,
+        ticks: Sequence[Fraction],
+        size: tuple[int, int],
+        out: Codes,
+    ) -> None:
+        """Render the times `ticks` (F,) between a GOP and the next to `out` (F, H, W, 3).
+
+        If the next GOP is predicted from this one, its Gaussians go from their place and look at
+        the last frame to those at the first frame; other GOPs are cross-faded.
+        """
+        kept = after.whole.kept
+        if kept is not None and after.whole.reference == before.position:
+            self._pass(before.whole, after.whole, kept, ticks, size, out)
+        else:
+            self.fade(before, after, ticks, size, out)
+
     def fade(
         self,
         before: ReadyGop,
@@ -92,6 +115,30 @@ class PictureMaker:
             weight = 0.0 if cut else float((tick - start) / span)
             mixed = held + np.float32(weight) * step + np.float32(0.5)
             _fill(picture, mixed.astype(ends.dtype))
+
+    def _pass(
+        self,
+        before: WholeGop,
+        after: WholeGop,
+        kept: NDArray[np.bool_],
+        ticks: Sequence[Fraction],
+        size: tuple[int, int],
+        out: Codes,
+    ) -> None:
+        """Render a GOP on its way to one that is predicted from it and has its Gaussians `kept`."""
+        passage = Passage.of(before.gop, after.gop, kept, (len(before.pts), len(after.pts)))
+        chosen = None
+        if self.layers != "all":
+            moving = dynamic(after.gop, self.coded_size)
+            dropped = dynamic(before.gop, self.coded_size)[~kept]
+            chosen = np.concatenate([moving, dropped]) == (self.layers == "dynamic")
+        start, span = int(before.pts[-1]), int(after.pts[0]) - int(before.pts[-1])
+        for picture, tick in zip(out, ticks, strict=True):
+            gop = passage.at(float((tick - start) / span))
+            if chosen is not None:
+                gop = select_gaussians(gop, chosen)
+            prepared = self.backend.prepare(by_level(gop))
+            self._render(prepared, np.zeros(1, np.float32), size, picture[None])
 
     def _render(
         self, prepared: Prepared, taus: Float32Array, size: tuple[int, int], out: Codes

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from math import isqrt
 from typing import Literal
 
-from gsvrcodec.model.gop import TRIPLANE_CHANNELS
+#: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
+TRIPLANE_CHANNELS = 8
 
 GridKind = Literal["gaussians", "xy", "xt", "yt", "reference", "changed", "moved"]
 
@@ -61,12 +62,12 @@ class GopShape:
 
     gaussians: int  #: new Gaussians; in a key GOP all of them
     grid: tuple[int, int, int]  #: Gx, Gy, Gt; all 0 = no tri-plane
-    reference: int = 0  #: Gaussians M of the reference; 0 = key GOP, or nothing to carry over
-    changed: int = 0  #: of these, Gaussians whose look changes
-    moved: int = 0  #: of these, Gaussians that move
+    reference: int = 0  #: Gaussians M of the reference; 0 = key GOP, or an empty reference
+    changed: int = 0  #: of these, Gaussians C whose look changes
+    moved: int = 0  #: of these, Gaussians V that move
 
     def plane_size(self, kind: GridKind) -> tuple[int, int]:
-        """Width and height of the planes of one grid; (0, 0) = the grid has no planes.
+        """Return width and height of the planes of one grid; (0, 0) = the grid has no planes.
 
         Lists of Gaussians fill a grid of ceil(sqrt(count)) columns, row by row.
         """
@@ -80,7 +81,7 @@ class GopShape:
         return width, -(-count // width)
 
     def samples(self, kind: GridKind) -> int:
-        """Samples in a plane of one grid, without the padding of the last row."""
+        """Return the samples in a plane of one grid, without the padding of the last row."""
         if kind in ("xy", "xt", "yt"):
             width, height = self.plane_size(kind)
             return width * height
@@ -88,7 +89,7 @@ class GopShape:
         return count
 
     def planes(self) -> list[tuple[Attribute, int, int, int]]:
-        """The planes of this shape in table order: attribute, component, width, height."""
+        """Return the planes in table order: attribute, component, width, height."""
         planes = []
         for attribute in ALL_ATTRIBUTES:
             width, height = self.plane_size(attribute.grid)

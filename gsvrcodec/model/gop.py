@@ -7,12 +7,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.model.attributes import TRIPLANE_CHANNELS as TRIPLANE_CHANNELS
+
 Float32Array = NDArray[np.float32]
 
 GridSize = tuple[int, int, int]  #: Gx, Gy, Gt of a tri-plane; all 0 = no tri-plane
-
-#: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
-TRIPLANE_CHANNELS = 8
 
 #: Parameters of one Gaussian: position 2, scale 2, rotation, colour 3, indicator, motion 4.
 GAUSSIAN_PARAMETERS = 13

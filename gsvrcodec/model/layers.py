@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.static import select_gaussians
 
 Layers = Literal["all", "dynamic", "static"]
 
@@ -32,14 +32,11 @@ def select_layers(gop: Gop, layers: Layers, coded_size: tuple[int, int]) -> Gop:
     """
     if layers == "all":
         return gop
-    chosen = _dynamic(gop, coded_size) == (layers == "dynamic")
-    grids = {"xy", "xt", "yt"}
-    values = {field.name: getattr(gop, field.name) for field in fields(Gop)}
-    return Gop(**{name: v if name in grids else v[chosen] for name, v in values.items()})
+    return select_gaussians(gop, dynamic(gop, coded_size) == (layers == "dynamic"))
 
 
-def _dynamic(gop: Gop, coded_size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Whether each Gaussian is dynamic, shape (N,)."""
+def dynamic(gop: Gop, coded_size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return whether each Gaussian is dynamic, shape (N,); see `select_layers`."""
     if not len(gop):
         return np.zeros(0, np.bool_)
     half = np.array(coded_size, np.float32) / 2

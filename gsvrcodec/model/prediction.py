@@ -24,6 +24,7 @@ DROPPED = 4
 Modes = NDArray[np.uint8]
 
 _LOOK = ("position", "log_scale", "rotation", "colour")
+_MOTION = ("indicator", "linear", "quadratic")
 _BOUNDS = {a.name: (a.low, a.high) for a in ATTRIBUTES}
 
 
@@ -45,7 +46,7 @@ class Carried:
     @property
     def kept(self) -> int:
         """Number of Gaussians that the GOP takes over."""
-        return int((self.mode != DROPPED).sum())
+        return int(np.count_nonzero(self.mode != DROPPED))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +58,14 @@ class Look:
     rotation: Float32Array  #: (N,) radians
     colour: Float32Array  #: (N, 3)
 
-    def __getitem__(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Look:
+    def __getitem__(self, chosen: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Look:
         """Select Gaussians."""
-        return Look(*(getattr(self, name)[chosen] for name in _LOOK))
+        return Look(
+            self.position[chosen],
+            self.log_scale[chosen],
+            self.rotation[chosen],
+            self.colour[chosen],
+        )
 
 
 def look_at(gop: Gop, tau: float, ahead: float = 0.0) -> Look:
@@ -67,8 +73,11 @@ def look_at(gop: Gop, tau: float, ahead: float = 0.0) -> Look:
 
     Args:
         gop: N Gaussians and their deformation.
-        tau: normalised time.
-        ahead: how much farther the Gaussians go in a straight line, in units of tau.
+        tau: Normalised time, -1 to 1.
+        ahead: How much farther the Gaussians go in a straight line, in units of tau.
+
+    Returns:
+        New arrays, which share no memory with `gop`.
     """
     position = gop.position.astype(np.float64)
     position += (tau + ahead) * gop.linear.astype(np.float64)
@@ -76,19 +85,32 @@ def look_at(gop: Gop, tau: float, ahead: float = 0.0) -> Look:
     log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
     if gop.xy.size:
         bent = np.flatnonzero(gop.indicator != 1)
-        offset = (1 - gop.indicator[bent, None].astype(np.float64)) * _triplane(
-            gop, gop.position[bent], tau
-        )
-        position[bent] += offset[:, :2]
-        scale = np.exp(log_scale[bent].astype(np.float64)) + offset[:, 2:4]
-        log_scale[bent] = np.log(np.maximum(scale, MIN_SCALE))
-        rotation[bent] += offset[:, 4].astype(np.float32)
-        colour[bent] += offset[:, 5:].astype(np.float32)
+        if len(bent):
+            strength = 1 - gop.indicator[bent, None].astype(np.float64)
+            offset = strength * _triplane(gop, gop.position[bent], tau)
+            position[bent] += offset[:, :2]
+            scale = np.exp(log_scale[bent].astype(np.float64)) + offset[:, 2:4]
+            log_scale[bent] = np.log(np.maximum(scale, MIN_SCALE))
+            rotation[bent] = rotation[bent] + offset[:, 4]
+            colour[bent] = colour[bent] + offset[:, 5:]
     return Look(position.astype(np.float32), log_scale, rotation, colour)
 
 
+def last_look(gop: Gop, frames: int) -> Look:
+    """Return the Gaussians of a GOP of so many frames as drawn at its last frame."""
+    return look_at(gop, 1.0 if frames > 1 else 0.0)
+
+
+def first_look(gop: Gop, frames: int) -> Look:
+    """Return the Gaussians of a GOP of so many frames as drawn at its first frame."""
+    return look_at(gop, -1.0 if frames > 1 else 0.0)
+
+
 def look_after(reference: Gop, frames: int) -> Look:
-    """Return the Gaussians of a reference of so many frames, one mean frame after its last."""
+    """Return the Gaussians of a reference of so many frames, one mean frame after its last.
+
+    Its Gaussians go on in a straight line; those of a single frame stay.
+    """
     if frames < 2:
         return look_at(reference, 0.0)
     return look_at(reference, 1.0, 2 / (frames - 1))
@@ -98,31 +120,44 @@ def carry_over(reference: Gop, frames: int, carried: Carried, new: Gop) -> Gop:
     """Return a predicted GOP.
 
     Args:
-        reference: the GOP that it is predicted from; M Gaussians.
-        frames: of the reference.
-        carried: how its Gaussians go on.
-        new: the GOP's other Gaussians, and its tri-plane.
+        reference: The GOP that it is predicted from; M Gaussians.
+        frames: Frames of the reference.
+        carried: How its Gaussians go on.
+        new: The GOP's other Gaussians, and its tri-plane.
 
     Returns:
-        The Gaussians that are not dropped, in the order of the reference, and the new ones.
+        The Gaussians that are not dropped, in the order of the reference, and the new ones; each
+        value within the bounds of its attribute.
     """
-    look, mode = look_after(reference, frames), carried.mode
-    changed, moved = (mode & CHANGED) != 0, (mode & MOVED) != 0
-    count = len(mode)
+    mode = carried.mode
+    look = look_after(reference, frames)
+    changed = np.flatnonzero(mode & CHANGED)
+    moved = np.flatnonzero(mode & MOVED)
     values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
     for name, value in values.items():
         value[changed] += getattr(carried, name)
-        np.clip(value, *_BOUNDS[name], out=value)
+        _clip(name, value)
+    # At tau = -1 a Gaussian is where the reference was heading, plus the change.
+    values["position"][moved] += carried.linear - carried.quadratic
+    _clip("position", values["position"])
+    count = len(mode)
     values["indicator"] = np.ones(count, np.float32)
     values["linear"] = np.zeros((count, 2), np.float32)
     values["quadratic"] = np.zeros((count, 2), np.float32)
-    for name in ("indicator", "linear", "quadratic"):
+    for name in _MOTION:
         values[name][moved] = getattr(carried, name)
-    # At tau = -1 the Gaussian is where the reference left it, and where the change takes it.
-    values["position"] += values["linear"] - values["quadratic"]
-    kept = mode != DROPPED
-    both = {name: np.concatenate([v[kept], getattr(new, name)]) for name, v in values.items()}
+    kept = np.flatnonzero(mode != DROPPED)
+    both = {
+        name: np.concatenate([np.take(value, kept, 0), getattr(new, name)])
+        for name, value in values.items()
+    }
     return replace(new, **both)
+
+
+def _clip(name: str, values: Float32Array) -> None:
+    """Clip the values of an attribute to its bounds, in place."""
+    low, high = _BOUNDS[name]
+    np.clip(values, np.float32(low), np.float32(high), out=values)
 
 
 def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float64]:
@@ -135,9 +170,9 @@ def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float6
     top = flat[y0 * columns + x0] * (1 - fx) + flat[y0 * columns + x1] * fx
     bottom = flat[y1 * columns + x0] * (1 - fx) + flat[y1 * columns + x1] * fx
     offset: NDArray[np.float64] = top * (1 - fy) + bottom * fy
-    t0, t1, ft = _cell(np.array([tau]), gop.xt.shape[0])
-    along_x = gop.xt[t0[0]].astype(np.float64) * (1 - ft[0]) + gop.xt[t1[0]] * ft[0]
-    along_y = gop.yt[t0[0]].astype(np.float64) * (1 - ft[0]) + gop.yt[t1[0]] * ft[0]
+    (t0,), (t1,), ((ft,),) = _cell(np.array([tau]), len(gop.xt))
+    along_x = gop.xt[t0].astype(np.float64) * (1 - ft) + gop.xt[t1] * ft
+    along_y = gop.yt[t0].astype(np.float64) * (1 - ft) + gop.yt[t1] * ft
     offset *= along_x[x0] * (1 - fx) + along_x[x1] * fx
     offset *= along_y[y0] * (1 - fy) + along_y[y1] * fy
     return offset

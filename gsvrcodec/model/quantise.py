@@ -122,7 +122,7 @@ class Quantiser:
 
 
 #: Quantiser of `mode`; the greatest mode is 4.
-_MODES = Quantiser(3, 0.0, 1.0)
+MODE_QUANTISER = Quantiser(3, 0.0, 1.0)
 
 
 def component(
@@ -144,7 +144,7 @@ def quantiser_of(
         ValueError: A value is not finite or out of the spec's bounds.
     """
     if attribute is MODE:
-        return _MODES
+        return MODE_QUANTISER
     quantiser = Quantiser.choose(values, attribute, part, precision)
     if quantiser.offset < attribute.low or quantiser.last > attribute.high:
         raise ValueError(

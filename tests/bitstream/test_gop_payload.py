@@ -62,13 +62,13 @@ class TestRoundTrip:
         gop = make_gop(gaussians, grid)
         payload = pack_gop(gop, PTS, DURATIONS, 5, bits, PACKS[pack])
         content = unpack_gop(payload, HEADER, Limits())
-        assert_gops_equal(content.gop, reordered(dequantised(gop, bits), strip_order(gop.position)))
-        assert grid_size(content.gop) == grid
+        assert_gops_equal(content.new, reordered(dequantised(gop, bits), strip_order(gop.position)))
+        assert grid_size(content.new) == grid
         assert content.first_frame == 5
         np.testing.assert_array_equal(content.pts, PTS)
         np.testing.assert_array_equal(content.durations, DURATIONS)
         for field in fields(Gop):
-            array = getattr(content.gop, field.name)
+            array = getattr(content.new, field.name)
             assert array.dtype == np.float32
             assert array.flags.c_contiguous
 
@@ -176,7 +176,7 @@ class TestUnpack:
     ) -> None:
         payload = _PAYLOAD[:at] + data + _PAYLOAD[at + size :]
         try:
-            gop = unpack_gop(payload, HEADER, Limits()).gop
+            gop = unpack_gop(payload, HEADER, Limits()).new
         except GsvrError:
             return
         for field in fields(Gop):

@@ -14,15 +14,11 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec import Decoder, Frame, FrameBatch
-from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE, GOP_TYPE
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.gop_cache import CACHED_GOPS
 from gsvrcodec.errors import CorruptError, InputError, LimitError, NotGsvrError
 from tests import making
 from tests.decoder.film import STEPS, TIMES
-from tests.gops import make_background, make_file, make_payload
-from tests.tampering import Piece, joined, patched, pieces
-from tests.vectors.make import VALID
 
 
 def assert_same(a: Frame, b: Frame) -> None:
@@ -279,56 +275,3 @@ class TestBadFiles:
             assert decoder.lost_frames == 4 + 519 - len(kept)
         assert "frames 6 to 9 are left out" in caplog.text
         assert "pictures from 0.4" in caplog.text
-
-    def test_damage_of_a_background_stays_in_its_gops(self, tmp_path: Path) -> None:
-        data = bytearray((VALID / "backgrounds.gsvr").read_bytes())
-        sound, damaged = tmp_path / "sound.gsvr", tmp_path / "damaged.gsvr"
-        sound.write_bytes(data)
-        with GsvrReader(sound) as reader:
-            (first, _) = reader.backgrounds
-        data[first.chunk.payload_offset + 60] ^= 1
-        damaged.write_bytes(data)
-        with gsvrcodec.open(sound) as decoder:
-            truth = list(decoder)
-        with gsvrcodec.open(damaged) as decoder:
-            assert_same(decoder[10], truth[10])
-            with pytest.raises(CorruptError, match=f"chunk SCNE at byte {first.chunk.offset}"):
-                decoder[4]
-            assert_same(decoder[7], truth[7])
-        with gsvrcodec.open(damaged, keep_going=True) as decoder:
-            assert [frame.index for frame in decoder] == [6, 7, 8, 9, 10, 11]
-            assert decoder.lost_frames == 6
-
-    @pytest.mark.parametrize(
-        ("offset", "value", "says"),
-        [(8, 7, "7 planes, expected 8"), (4, 39, "has 39 Gaussians, the GOP expects 40")],
-        ids=["planes", "gaussians"],
-    )
-    def test_a_fault_in_a_background_is_reported_there(
-        self, tmp_path: Path, offset: int, value: int, says: str
-    ) -> None:
-        sound = make_file(
-            [make_payload(6, background=3, shown=np.arange(40) % 2 == 0)],
-            backgrounds={0: make_background(3, 40)},
-        )
-        path = tmp_path / "a.gsvr"
-        path.write_bytes(patched(sound, BACKGROUND_TYPE, offset, "I", value))
-        with GsvrReader(path) as reader:
-            (background,) = reader.backgrounds
-        with gsvrcodec.open(path) as decoder, pytest.raises(CorruptError, match=says) as caught:
-            decoder[0]
-        assert (caught.value.chunk, caught.value.offset) == ("SCNE", background.chunk.offset)
-
-    def test_a_background_behind_its_gop_is_refused_in_any_order(self, tmp_path: Path) -> None:
-        shown = np.arange(40) % 2 == 0
-        early = make_payload(6)
-        late = make_payload(6, first_frame=3, start_pts=120, background=3, shown=shown)
-        chunks = pieces(make_file([early, late], backgrounds={1: make_background(3, 40)}))
-        gop = next(n for n, piece in enumerate(chunks) if piece.type == GOP_TYPE)
-        chunks[gop] = Piece(GOP_TYPE, make_payload(6, background=3, shown=shown))
-        path = tmp_path / "a.gsvr"
-        path.write_bytes(joined(chunks))
-        with gsvrcodec.open(path) as decoder:
-            assert decoder[3].index == 3
-            with pytest.raises(CorruptError, match="chunk GOPD at byte 98: background 3 is lost"):
-                decoder[0]

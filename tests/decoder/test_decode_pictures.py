@@ -47,7 +47,7 @@ class TestRender:
             content = unpack_gop(reader.read_gop(0), reader.header, Limits())
         # Half way from frame 1 at 4040 to frame 2 at 7080, in a GOP of 1000 to 19000 ticks.
         tau = np.array([2 * (5560 - 1000) / 18_000 - 1], np.float32)
-        (expected,) = render_frames(content.gop, tau, (48, 32), (48, 32))
+        (expected,) = render_frames(content.new, tau, (48, 32), (48, 32))
         assert np.array_equal(decoder.render(Fraction(5560, 90_000)), expected)
 
     def test_fades_from_gop_to_gop(self, tmp_path: Path) -> None:
