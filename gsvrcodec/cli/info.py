@@ -125,19 +125,16 @@ def _lines(info: FileInfo) -> Iterator[str]:
         size += f" without {meta.streams_bytes:,} bytes of copied streams"
     rows = {
         "file": info.path,
-        "version": meta.version,
+        "version": meta.version + ", planes as PNG or JPEG XL" * info.image_codecs,
         "picture": picture,
         "frames": f"{meta.frames:,} at {float(meta.average_rate):.5g} a second",
         "time": f"{float(meta.duration_seconds):.6g} s from {float(meta.begin_seconds):.6g} s, "
         f"ticks of {meta.time_base} s",
-        "GOPs": f"{meta.gops:,}",
-        "Gaussians": f"{meta.gaussians:,}",
+        "GOPs": f"{meta.gops:,}, of which {info.key_gops:,} are key GOPs",
+        "Gaussians": f"{meta.gaussians:,}, of which {info.carried:,} are carried over",
         "parameters": f"{info.parameters:,}",
         "size": size,
     }
-    if info.backgrounds:
-        static = sum(background.gaussians for background in info.backgrounds)
-        rows["backgrounds"] = f"{len(info.backgrounds):,}, with {static:,} static Gaussians"
     settings = [f"{key} {value}" for key, value in meta.settings.items() if value is not None]
     if settings:
         rows["settings"] = ", ".join(settings)
@@ -159,12 +156,16 @@ def _gop_lines(info: FileInfo) -> Iterator[str]:
     """Yield a table of the GOPs."""
     base = info.metadata.time_base
     yield ""
-    yield "first frame  frames     start s   Gaussians  background        grid       bytes"
+    yield " frame frames  start s   from  carried changed   moved     new     grid    bytes"
     for gop in info.gops:
         grid = "x".join(map(str, gop.grid)) if any(gop.grid) else "-"
+        is_key = gop.reference_frame is None
+        carried = (gop.carried, gop.changed, gop.moved)
+        counts = ["-" if is_key else f"{count:,}" for count in carried]
         yield (
-            f"{gop.first_frame:>11}{gop.frames:>8}{float(gop.start_pts * base):>12.4f}"
-            f"{gop.gaussians:>12,}{gop.background or '-':>12}{grid:>12}{gop.bytes:>12,}"
+            f"{gop.first_frame:>6}{gop.frames:>7}{float(gop.start_pts * base):>9.3f}"
+            f"{'key' if is_key else str(gop.reference_frame):>7}"
+            f"{counts[0]:>9}{counts[1]:>8}{counts[2]:>8}{gop.new:>8,}{grid:>9}{gop.bytes:>9,}"
         )
 
 
@@ -172,7 +173,7 @@ def _item_lines(items: Sequence[Item]) -> Iterator[str]:
     """Yield a table of the bytes by purpose."""
     total = sum(item.bytes for item in items)
     yield ""
-    yield "spent on          bytes   share  bits a Gaussian  codecs"
+    yield "spent on                bytes   share  bits a Gaussian  codecs"
     for item in items:
         row = _item_row(item.name, item.bytes, total, item.bits_per_gaussian)
         yield f"{row}  {', '.join(item.codecs)}".rstrip()
@@ -183,4 +184,4 @@ def _item_lines(items: Sequence[Item]) -> Iterator[str]:
 def _item_row(name: str, size: int, total: int, bits: float | None) -> str:
     """Return one row of the table without the codecs."""
     cell = "-" if bits is None else f"{bits:.2f}"
-    return f"{name:<11}{size:>12,}{size / total:>8.1%}{cell:>17}"
+    return f"{name:<17}{size:>12,}{size / total:>8.1%}{cell:>17}"

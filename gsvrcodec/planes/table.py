@@ -26,8 +26,11 @@ class Codec(IntEnum):
 
 
 #: Codecs to choose from, by the name of option --pack; `CONSTANT` is always allowed.
+#: "auto" has the format's own coders and deflate. In 259 planes of encodes of the samples bunny,
+#: city and tree, deflate saves 0.38 % of the bytes, most of it on the grids over time; JPEG XL
+#: would save another 0.01 % and PNG nothing, and a decoder would need their libraries.
 PACKS: Mapping[str, frozenset[Codec]] = {
-    "auto": frozenset(Codec),
+    "auto": frozenset({Codec.CONSTANT, Codec.DEFLATE, Codec.CONTEXT, Codec.RANGES}),
     "entropy": frozenset({Codec.CONSTANT, Codec.CONTEXT, Codec.RANGES}),
     "jxl": frozenset({Codec.CONSTANT, Codec.JXL}),
     "png": frozenset({Codec.CONSTANT, Codec.PNG}),

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from gsvrcodec.bitstream.background_payload import unpack_background
-from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE, ChunkEntry
+from gsvrcodec.bitstream.chunk import GOP_TYPE
+from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, STATIC_ATTRIBUTES, Attribute, GopShape
-from gsvrcodec.model.background import Background, check_shown
+from gsvrcodec.model.attributes import ALL_ATTRIBUTES
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -29,19 +28,14 @@ class GopInfo:
     frames: int  #: frames in the GOP
     start_pts: int  #: presentation timestamp of the first frame, ticks
     last_pts: int  #: presentation timestamp of the last frame, ticks
-    gaussians: int  #: Gaussians of the GOP, without its background
-    background: int  #: number of the background that the GOP shows; 0 = none
+    gaussians: int  #: Gaussians of the GOP, those carried over and the new ones
+    reference_frame: int | None  #: first frame of the GOP it is predicted from; None = key GOP
+    carried: int  #: Gaussians taken over from that GOP
+    dropped: int  #: Gaussians of that GOP that are not taken over
+    changed: int  #: carried Gaussians whose look changes
+    moved: int  #: carried Gaussians that move
+    new: int  #: Gaussians of its own
     grid: tuple[int, int, int]  #: Gx, Gy, Gt of the tri-plane; all 0 = no tri-plane
-    parameters: int  #: stored numbers, before quantisation
-    bytes: int  #: size of the payload
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BackgroundInfo:
-    """Properties of one background."""
-
-    number: int  #: number by which GOPs refer to the background
-    gaussians: int  #: Gaussians in the background
     parameters: int  #: stored numbers, before quantisation
     bytes: int  #: size of the payload
 
@@ -53,15 +47,24 @@ class FileInfo:
     path: str
     metadata: Metadata
     gops: tuple[GopInfo, ...]
-    backgrounds: tuple[BackgroundInfo, ...]
+    image_codecs: bool  #: whether planes coded as PNG or JPEG XL may occur, by the header
     recovered: bool  #: whether the file has no valid index: it is cut short or damaged
     warnings: tuple[str, ...]  #: faults that do not prevent decoding
 
     @property
     def parameters(self) -> int:
-        """Parameters of all GOPs and backgrounds, before quantisation."""
-        own = sum(gop.parameters for gop in self.gops)
-        return own + sum(background.parameters for background in self.backgrounds)
+        """Parameters of all GOPs, before quantisation."""
+        return sum(gop.parameters for gop in self.gops)
+
+    @property
+    def key_gops(self) -> int:
+        """GOPs that need no other."""
+        return sum(gop.reference_frame is None for gop in self.gops)
+
+    @property
+    def carried(self) -> int:
+        """Gaussians that GOPs take over from others, summed over the GOPs."""
+        return sum(gop.carried for gop in self.gops)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as JSON can hold it."""
@@ -69,11 +72,14 @@ class FileInfo:
         return {
             "file": self.path,
             "version": meta.version,
+            "image_codecs": self.image_codecs,
             "width": meta.width,
             "height": meta.height,
             "frames": meta.frames,
             "gops": meta.gops,
+            "key_gops": self.key_gops,
             "gaussians": meta.gaussians,
+            "carried_gaussians": self.carried,
             "parameters": self.parameters,
             "bytes": meta.size_bytes,
             "bpp": meta.bpp,
@@ -90,7 +96,6 @@ class FileInfo:
             "warnings": list(self.warnings),
             "settings": meta.settings,
             "gop_list": [asdict(gop) for gop in self.gops],
-            "background_list": [asdict(background) for background in self.backgrounds],
         }
 
 
@@ -112,22 +117,11 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
             except CorruptError as error:
                 raise error.located(entry.chunk.name, entry.offset) from error
             gops.append(_gop_info(entry, head))
-        backgrounds = tuple(
-            BackgroundInfo(
-                number=background.number,
-                gaussians=background.gaussians,
-                parameters=_parameters(
-                    GopShape(background.gaussians, (0, 0, 0)), STATIC_ATTRIBUTES
-                ),
-                bytes=background.chunk.size,
-            )
-            for background in reader.backgrounds
-        )
         return FileInfo(
             os.fspath(path),
             Metadata.of(reader),
             tuple(gops),
-            backgrounds,
+            reader.header.image_codecs,
             reader.recovered,
             reader.warnings,
         )
@@ -144,6 +138,8 @@ def inspect_bytes(
 def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Iterator[str]:
     """Check every checksum of a file and decode every plane; yield one sentence a fault.
 
+    A GOP that is predicted from a damaged or lost one is a fault too.
+
     Raises:
         InputError, CorruptError, UnsupportedError: As `inspect`, if the file cannot be opened.
     """
@@ -152,42 +148,44 @@ def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Ite
         if reader.recovered:
             yield from reader.warnings
         gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
-        backgrounds: dict[int, tuple[ChunkEntry, Background]] = {}
+        unpacker = GopUnpacker(reader, limits)
         for chunk in reader.chunks:
-            place = chunk
             try:
                 if chunk.offset in gops:
-                    payload = reader.read_gop(gops[chunk.offset])
-                    content = unpack_gop(payload, reader.header, limits)
-                    if content.shown is not None:
-                        if content.background not in backgrounds:
-                            raise CorruptError(f"background {content.background} is lost")
-                        place, background = backgrounds[content.background]
-                        check_shown(background, content.shown)
-                elif chunk.type == BACKGROUND_TYPE:
-                    background = unpack_background(reader.read_chunk(chunk), limits)
-                    backgrounds[background.number] = chunk, background
+                    unpacker.unpack(gops[chunk.offset])
                 else:
                     reader.read_chunk(chunk)
             except CorruptError as error:
-                yield str(error.located(place.name, place.offset))
+                yield str(error)
+                if error.offset != chunk.offset:
+                    yield from _own_fault(reader, gops[chunk.offset], limits)
+
+
+def _own_fault(reader: GsvrReader, position: int, limits: Limits) -> Iterator[str]:
+    """Yield the fault of a GOP whose reference is damaged, if it has one of its own."""
+    try:
+        payload = reader.read_gop(position)
+        unpack_gop(payload, reader.header, limits)
+    except CorruptError as error:
+        yield str(error.located(GOP_TYPE.decode(), reader.gops[position].offset))
 
 
 def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
     """Return the properties of a GOP from its index entry and its head."""
+    shape = head.shape
     return GopInfo(
         first_frame=entry.first_frame,
         frames=entry.frames,
         start_pts=entry.start_pts,
         last_pts=entry.last_pts,
         gaussians=entry.gaussians,
-        background=head.background,
+        reference_frame=None if entry.is_key else entry.reference_frame,
+        carried=head.carried_from - head.dropped,
+        dropped=head.dropped,
+        changed=head.changed,
+        moved=head.moved,
+        new=head.new,
         grid=head.grid,
-        parameters=_parameters(GopShape(entry.gaussians, head.grid), ATTRIBUTES),
+        parameters=sum(a.components * shape.samples(a.grid) for a in ALL_ATTRIBUTES),
         bytes=entry.size,
     )
-
-
-def _parameters(shape: GopShape, attributes: Sequence[Attribute]) -> int:
-    """Return the number of parameters, equal to `Gop.parameters` of the decoded GOP."""
-    return sum(a.components * shape.samples(a.grid) for a in attributes)

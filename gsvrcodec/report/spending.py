@@ -7,9 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gsvrcodec.bitstream.background_payload import background_table
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     GOP_TYPE,
     METADATA_TYPE,
     OVERHEAD_BYTES,
@@ -23,7 +21,7 @@ from gsvrcodec.bitstream.plane_table import PlaneEntry
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, SHOWN
+from gsvrcodec.model.attributes import ALL_ATTRIBUTES
 
 _NAMES = {
     SETTINGS_TYPE: "settings",
@@ -49,16 +47,16 @@ class Item:
 def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ...]:
     """Return the bytes of a file by purpose; the items add up to the file size.
 
-    The items are: each attribute, in the order of the spec, over GOPs and backgrounds; "heads",
-    the heads, timing and plane tables of GOPs and backgrounds; the auxiliary chunks; "container",
-    signature, header, index, end and chunk framing; "unread", payloads that are damaged or not
+    The items are: each attribute, in the order of the spec, over all GOPs, so those of carried
+    Gaussians stand for themselves; "heads", the heads, timing and plane tables of GOPs; the
+    auxiliary chunks; "container", signature, header, index, end and chunk framing; "unread", payloads that are damaged or not
     supported by this version. Empty items are left out.
 
     Raises:
         InputError: The file cannot be read.
     """
     limits = limits or Limits.from_environment()
-    sizes: dict[str, int] = {attribute.name: 0 for attribute in (*ATTRIBUTES, SHOWN)}
+    sizes: dict[str, int] = {attribute.name: 0 for attribute in ALL_ATTRIBUTES}
     codecs: dict[str, set[str]] = {}
     names = ("heads", "settings", "metadata", "streams", "other", "container", "unread")
     sizes |= dict.fromkeys(names, 0)
@@ -66,7 +64,7 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     for chunk in reader.chunks:
         if chunk.type in STRUCTURAL_TYPES - {GOP_TYPE}:
             sizes["container"] += chunk.size
-        elif chunk.type not in (GOP_TYPE, BACKGROUND_TYPE):
+        elif chunk.type != GOP_TYPE:
             sizes[_NAMES.get(chunk.type, "other")] += chunk.size
     for payload, entries in _tables(reader, limits):
         sizes["heads"] += len(payload) - sum(entry.size for entry in entries)
@@ -89,12 +87,8 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
 
 
 def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[PlaneEntry, ...]]]:
-    """Yield payload and plane table of each valid GOP and background."""
+    """Yield payload and plane table of each valid GOP."""
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)
             yield payload, plane_table(payload, reader.header, limits)
-    for background in reader.backgrounds:
-        with suppress(CorruptError, UnsupportedError):
-            payload = reader.read_chunk(background.chunk)
-            yield payload, background_table(payload, limits)

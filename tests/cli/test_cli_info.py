@@ -41,6 +41,22 @@ class TestInfo:
         assert [row.split()[:2] for row in rows[1:]] == [["0", "5"], ["5", "3"], ["8", "4"]]
         assert {len(row) for row in rows} == {len(rows[0])}
 
+    def test_predicted_gops(self, cli: Runner, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", predicted=True)
+        text, _, table = cli("gsvrinfo", "--gops", "--bits", path).out.partition("\n\n")
+        assert "GOPs       3, of which 1 are key GOPs" in text.splitlines()
+        assert "Gaussians  180, of which 96 are carried over" in text.splitlines()
+        gops, bits = (part.splitlines() for part in table.split("\n\n"))
+        assert max(map(len, gops)) == 80
+        assert [row.split()[3:8] for row in gops[1:]] == [
+            ["key", "-", "-", "-", "60"],
+            ["0", "48", "24", "24", "12"],
+            ["5", "48", "24", "24", "12"],
+        ]
+        names = [row.split()[0] for row in bits]
+        assert names.index("quadratic") < names.index("mode") < names.index("position_change")
+        assert max(map(len, bits)) <= 80
+
     def test_bits(self, cli: Runner, path: Path) -> None:
         lines = cli("gsvrinfo", "--bits", path).out.partition("\n\n")[2].splitlines()
         assert max(map(len, lines)) <= 80

@@ -59,8 +59,14 @@ class TestRoundTrip:
         sizes: dict[Codec, int] = {
             codec: len(encode_plane(samples, 13, {codec})[1]) for codec in VARYING_CODECS
         }
-        codec, data = encode_plane(samples, 13)
+        codec, data = encode_plane(samples, 13, Codec)
         assert len(data) == sizes[codec] == min(sizes.values())
+
+    def test_the_automatic_choice_needs_no_image_codec(self) -> None:
+        samples = smooth(50, 60, 13)
+        codec, _ = encode_plane(samples, 13)
+        assert codec in PACKS["auto"]
+        assert not {Codec.PNG, Codec.JXL} & PACKS["auto"]
 
     def test_a_constant_plane_takes_two_bytes(self) -> None:
         samples = np.full((99, 99), 4711, np.uint16)

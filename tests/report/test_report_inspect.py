@@ -7,17 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsvrcodec.bitstream.chunk import BACKGROUND_TYPE
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, NotGsvrError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.attributes import ALL_ATTRIBUTES, ATTRIBUTES
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
-from tests.gops import make_background, make_file, make_payload
-from tests.tampering import patched
-from tests.vectors.make import VALID
 
 
 class TestInspect:
@@ -43,29 +39,21 @@ class TestInspect:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0)))
         assert {gop.parameters for gop in info.gops} == {13 * 60}
 
-    def test_what_a_lost_background_takes_along(self, tmp_path: Path) -> None:
-        data = bytearray((VALID / "backgrounds.gsvr").read_bytes())
-        path = tmp_path / "a.gsvr"
-        path.write_bytes(data)
-        assert list(verify(path)) == []
-        with GsvrReader(path) as reader:
-            background, offsets = reader.backgrounds[0].chunk, [gop.offset for gop in reader.gops]
-        data[background.payload_offset + 60] ^= 1
-        path.write_bytes(data)
-        faults = list(verify(path))
-        assert f"chunk SCNE at byte {background.offset}" in faults[0]
-        for fault, offset in zip(faults[1:], offsets[:2], strict=True):
-            assert f"chunk GOPD at byte {offset}: background 1 is lost" in fault
-
-    def test_a_background_of_another_size(self, tmp_path: Path) -> None:
-        shown = np.arange(40) % 2 == 0
-        sound = make_file(
-            [make_payload(6, background=3, shown=shown)], backgrounds={0: make_background(3, 40)}
-        )
-        path = tmp_path / "a.gsvr"
-        path.write_bytes(patched(sound, BACKGROUND_TYPE, 4, "I", 39))
-        (fault,) = verify(path)
-        assert fault == "chunk SCNE at byte 98: background 3 has 39 Gaussians, the GOP expects 40"
+    def test_predicted_gops(self, tmp_path: Path) -> None:
+        info = inspect(making.gsvr_file(tmp_path / "a.gsvr", predicted=True))
+        assert [gop.reference_frame for gop in info.gops] == [None, 0, 5]
+        assert [gop.carried for gop in info.gops] == [0, 48, 48]
+        assert [(gop.dropped, gop.changed, gop.moved, gop.new) for gop in info.gops] == [
+            (0, 0, 0, 60),
+            (12, 24, 24, 12),
+            (12, 24, 24, 12),
+        ]
+        grid = 8 * (4 * 3 + 4 * 5 + 3 * 5)
+        predicted = 60 + 8 * 24 + 5 * 24 + 13 * 12 + grid
+        assert [gop.parameters for gop in info.gops] == [13 * 60 + grid, predicted, predicted]
+        data = info.to_dict()
+        assert (data["key_gops"], data["gaussians"], data["carried_gaussians"]) == (1, 180, 96)
+        assert not data["image_codecs"]
 
     def test_unfinished_file(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", close=False))
@@ -104,6 +92,15 @@ class TestBytes:
         assert items["colour"].bits_per_gaussian == 8 * planes["colour"] / 180
         assert "ranges" in items["rotation"].codecs
 
+    def test_what_predicted_gops_spend(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", predicted=True)
+        items = {item.name: item.bytes for item in inspect_bytes(path)}
+        assert [name for name in items if name in {a.name for a in ALL_ATTRIBUTES}] == [
+            attribute.name for attribute in ALL_ATTRIBUTES
+        ]
+        assert items["mode"] > 30  # two planes of 60 modes of log2(5) bits
+        assert sum(items.values()) == path.stat().st_size
+
     def test_damaged_gop_is_unread(self, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr")
         sound = {item.name: item.bytes for item in inspect_bytes(path)}
@@ -121,6 +118,26 @@ class TestBytes:
 class TestVerify:
     def test_sound(self, tmp_path: Path) -> None:
         assert list(verify(making.gsvr_file(tmp_path / "a.gsvr", settings={}))) == []
+
+    def test_what_a_damaged_gop_takes_along(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=(5, 3, 4, 2), predicted=True)
+        assert list(verify(path)) == []
+        data = bytearray(path.read_bytes())
+        with GsvrReader(path) as reader:
+            first, second, third, _ = reader.gops
+        for entry in (second, third):
+            data[entry.chunk.payload_offset + 100] ^= 1
+        path.write_bytes(data)
+        damage = "damaged payload (CRC mismatch)"
+        also = "the GOP at frame {} is predicted from this one"
+        assert list(verify(path)) == [
+            f"chunk GOPD at byte {second.offset}: {damage}",
+            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(8)}",
+            f"chunk GOPD at byte {third.offset}: {damage}",
+            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(12)}",
+        ]
+        path.write_bytes(data[: first.offset] + data[first.chunk.end :])
+        assert any("frame 0 is lost" in fault for fault in verify(path))
 
     def test_every_chunk_is_checked(self, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 1})
