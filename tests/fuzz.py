@@ -29,13 +29,13 @@ from gsvrcodec.bitstream.chunk import (
     chunk_bytes,
     is_type,
 )
-from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, GsvrError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
-from tests.gops import make_file, make_payload
+from tests.gops import make_chain, make_file, make_payload
 from tests.tampering import Piece, edited, joined, pieces, with_plane
 
 #: Longest that one input may take, seconds.
@@ -48,8 +48,12 @@ Frames = dict[int, bytes]
 
 
 def seeds() -> list[bytes]:
-    """Sound files, one for every way to code a plane."""
-    return [
+    """Sound files, one for every way to code a plane, and chains of predicted GOPs."""
+    chains = [
+        make_file(make_chain((2, 1, 2), 30, grid=(3, 2, 2), pack=pack))
+        for pack in ("deflate", "entropy")
+    ]
+    return chains + [
         make_file(
             [
                 make_payload(30, grid, frames=2, pack=pack, seed=1),
@@ -66,9 +70,10 @@ def decoded(data: bytes) -> Frames:
     """Every frame that can be had, by number; raises what opening the file does."""
     found: Frames = {}
     with GsvrReader(io.BytesIO(data), LIMITS) as reader:
+        unpacker = GopUnpacker(reader, LIMITS)
         for position in range(len(reader.gops)):
             try:
-                content = unpack_gop(reader.read_gop(position), reader.header, LIMITS)
+                content = unpacker.unpack(position)
             except CorruptError:
                 continue
             coded = reader.header.width, reader.header.height
@@ -124,7 +129,11 @@ def forged(data: bytes, draw: random.Random) -> bytes:
             reindex = kind not in (b"indx", b"fend")
             return edited(data, kind, draw.choice((field, noise)), reindex=reindex)
         case 2:
-            return edited(data, GOP_TYPE, draw.choice((field, noise)))
+            at = draw.choice([n for n, piece in enumerate(chunks) if piece.type == GOP_TYPE])
+            payload = bytearray(chunks[at].payload)
+            draw.choice((field, noise))(payload)
+            chunks[at] = Piece(GOP_TYPE, bytes(payload))
+            return joined(chunks)
         case 3:
             plane = draw.randrange(13)
             at = next(i for i, piece in enumerate(chunks) if piece.type == GOP_TYPE)

@@ -15,16 +15,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
 from gsvrcodec.model.gop import Gop, grid_size
 from gsvrcodec.model.order import strip_order
-from gsvrcodec.model.quantise import dequantised
+from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, carry_over
+from gsvrcodec.model.quantise import Quantiser, dequantised
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS
-from tests.gops import BITS, SIXTEEN_BITS, assert_gops_equal, make_gop, make_payload
+from tests.gops import (
+    BITS,
+    SIXTEEN_BITS,
+    assert_gops_equal,
+    make_carried,
+    make_chain,
+    make_gop,
+    make_payload,
+)
 
 HEADER = Header(
     width=64,
@@ -98,6 +109,88 @@ class TestRoundTrip:
             check=True,
         )
         assert other.stdout.strip() == make_payload(30, (3, 2, 4), pack="auto").hex()
+
+
+class TestPredicted:
+    @settings(max_examples=60)
+    @given(
+        modes=st.lists(st.integers(0, 4), max_size=40),
+        new=st.integers(0, 20),
+        grid=st.sampled_from([(0, 0, 0), (3, 2, 4)]),
+        pack=st.sampled_from(sorted(PACKS)),
+        bits=st.fixed_dictionaries({name: st.integers(1, 16) for name in BITS}),
+        frames=st.integers(1, 4),
+    )
+    def test_a_decoder_gets_what_was_quantised(
+        self,
+        modes: list[int],
+        new: int,
+        grid: tuple[int, int, int],
+        pack: str,
+        bits: dict[str, int],
+        frames: int,
+    ) -> None:
+        carried = make_carried(np.array(modes, np.uint8), seed=new)
+        gop = make_gop(new, grid)
+        payload = pack_gop(
+            gop, PTS, DURATIONS, 9, bits, PACKS[pack], reference=frames, carried=carried
+        )
+        content = unpack_gop(payload, HEADER, Limits())
+        assert (content.reference, content.first_frame) == (frames, 9)
+        assert_gops_equal(content.new, reordered(dequantised(gop, bits), strip_order(gop.position)))
+        found = content.carried
+        assert found is not None
+        assert found.mode.tolist() == modes
+        assert found.kept == sum(mode != DROPPED for mode in modes)
+        for attribute in CARRIED_ATTRIBUTES[1:]:
+            name = attribute.change_of or attribute.name
+            values, original = getattr(found, name), getattr(carried, name)
+            assert values.shape == original.shape
+            assert values.dtype == np.float32
+            for part in range(attribute.components):
+                one = original if attribute.components == 1 else original[:, part]
+                other = values if attribute.components == 1 else values[:, part]
+                if len(one):
+                    quantiser = Quantiser.fit(one, bits[name])
+                    expected = quantiser.dequantise(quantiser.quantise(one))
+                    np.testing.assert_array_equal(other, expected)
+        reference = make_gop(len(modes), (2, 2, 2), seed=4)
+        expected_gop = carry_over(reference, frames, found, content.new)
+        assert_gops_equal(content.gop(reference, frames), expected_gop)
+        with pytest.raises(ValueError, match="frame 9 needs its reference"):
+            content.gop(None, 0)
+        with pytest.raises(CorruptError, match="the GOP expects"):
+            content.gop(make_gop(len(modes) + 1), frames)
+
+    def test_a_step_of_an_attribute_is_that_of_its_change(self) -> None:
+        steps = {a.name: (0.25,) * a.components for a in ATTRIBUTES}
+        carried = make_carried(np.full(9, CHANGED, np.uint8))
+        payload = pack_gop(make_gop(0), PTS, DURATIONS, 9, steps, reference=9, carried=carried)
+        content = unpack_gop(payload, HEADER, Limits())
+        assert content.carried is not None
+        for name in ("position", "log_scale", "rotation", "colour"):
+            values = getattr(content.carried, name)
+            np.testing.assert_array_equal(values % 0.25, 0)
+            np.testing.assert_allclose(values, getattr(carried, name), atol=0.125)
+        head = parse_gop_head(payload)
+        assert (head.gaussians, head.new, head.changed, head.moved) == (9, 0, 9, 0)
+
+    def test_a_reference_without_carried_gaussians_fails(self) -> None:
+        carried = make_carried(np.zeros(3, np.uint8))
+        for reference, given_ in ((3, None), (0, carried)):
+            with pytest.raises(ValueError, match="a predicted GOP has a reference"):
+                pack_gop(make_gop(3), PTS, DURATIONS, 9, BITS, reference=reference, carried=given_)
+
+    def test_modes_without_their_values_fail(self) -> None:
+        carried = replace(make_carried(np.zeros(3, np.uint8)), mode=np.full(3, MOVED, np.uint8))
+        with pytest.raises(ValueError, match="0 changed and 3 moved Gaussians with 0 changes and"):
+            pack_gop(make_gop(3), PTS, DURATIONS, 9, BITS, reference=1, carried=carried)
+
+    def test_every_cut_fails(self) -> None:
+        payload = make_chain((3, 2), 8, 2)[1]
+        for size in range(len(payload)):
+            with pytest.raises(CorruptError):
+                unpack_gop(payload[:size], HEADER, Limits())
 
 
 class TestPack:

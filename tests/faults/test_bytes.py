@@ -194,7 +194,7 @@ class TestAttacker:
         rng = np.random.default_rng(1)
         for _ in range(300):
             damaged = bytearray(payload)
-            for offset in rng.integers(TABLE_OFFSET + 37 * 20, len(payload), 2):
+            for offset in rng.integers(TABLE_OFFSET + 37 * 16, len(payload), 2):
                 damaged[offset] = rng.integers(0, 256)
             try:
                 decode_all(make_file([bytes(damaged)]))
@@ -233,7 +233,7 @@ class TestLengths:
         payloads = [make_payload(4), make_payload(9, first_frame=3, start_pts=120)]
         good = make_file(payloads)
         data = patched(good, INDEX_TYPE, 8, "Q", len(payloads[1]))
-        data = patched(data, INDEX_TYPE, 8 + 52, "Q", len(payloads[0]))
+        data = patched(data, INDEX_TYPE, 8 + 56, "Q", len(payloads[0]))
         reader = opened(data)
         for position in range(2):
             with pytest.raises(CorruptError, match=r"chunk|damaged"):
@@ -241,14 +241,14 @@ class TestLengths:
 
     @pytest.mark.parametrize("first_frame", [0, 2, 4, 2**62, 2**64 - 1])
     def test_frame_numbers_with_a_gap_are_not_believed(self, first_frame: int) -> None:
-        data = patched(FILE, INDEX_TYPE, 4 + 52 + 12, "Q", first_frame)
+        data = patched(FILE, INDEX_TYPE, 4 + 56 + 12, "Q", first_frame)
         reader = opened(data)
         assert reader.recovered
         assert [gop.first_frame for gop in reader.gops] == [0, 3, 6]
 
     @pytest.mark.parametrize("kind", [b"HEAD", b"indx", b"fend", b"G\0PD", b"Nope"])
     def test_a_type_that_has_no_place_in_the_index(self, kind: bytes) -> None:
-        data = patched(FILE, INDEX_TYPE, 4 + 3 * 52, "4s", kind)
+        data = patched(FILE, INDEX_TYPE, 4 + 3 * 56, "4s", kind)
         if kind == b"Nope":
             with pytest.raises(UnsupportedError, match="chunk Nope"):
                 opened(data)

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     GOP_TYPE,
     HEAD_BYTES,
     HEAD_TYPE,
     SIGNATURE,
     chunk_bytes,
 )
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.model.gop import Gop
 from tests import memory
 from tests.faults.small import FILE, FIRST, HEAD, opened
-from tests.gops import HEADER, decode_all, make_background, make_file, make_payload
+from tests.gops import HEADER, decode_all, make_carried, make_chain, make_file, make_payload
 from tests.tampering import (
     TABLE_OFFSET,
     Piece,
@@ -102,7 +102,7 @@ class TestPlanes:
     @pytest.mark.parametrize("step", [0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 3e38])
     def test_steps_that_are_no_steps(self, step: float) -> None:
         with pytest.raises(CorruptError, match=r"step|allowed"):
-            decode_all(patched(make_file([make_payload()]), GOP_TYPE, TABLE_OFFSET + 12, "f", step))
+            decode_all(patched(make_file([make_payload()]), GOP_TYPE, TABLE_OFFSET + 8, "f", step))
 
     def test_extreme_gaussians_stay_within_bounds(self) -> None:
         # Plane 2 is log_scale.0: exp(13) is the largest sigma that a file can ask for.
@@ -148,8 +148,6 @@ class TestBombs:
         # A thousand bytes that say 2^24 Gaussians, all planes constant: a gigabyte of values.
         def grow(payload: bytearray) -> None:
             struct.pack_into("<I", payload, 12, 2**24)
-            for plane in range(13):
-                struct.pack_into("<HH", payload, TABLE_OFFSET + 20 * plane + 4, 4096, 4096)
 
         data = edited(make_file([make_payload(1)]), GOP_TYPE, grow)
         data = patched(data, HEAD_TYPE, 44, "I", 2**24)
@@ -179,59 +177,125 @@ class TestBombs:
         self.check(data, LimitError, "GSVR_LIMIT_CHUNKS")
 
 
-class TestBackgrounds:
-    """What a GOP may claim of a background."""
+class TestPrediction:
+    """What a GOP may claim of its reference."""
 
-    FILE = make_file(
-        [make_payload(6, background=3, shown=np.arange(40) % 2 == 0)],
-        backgrounds={0: make_background(3, 40)},
-    )
+    PAYLOADS = make_chain((3, 3))
+    CHUNKS = pieces(make_file(PAYLOADS))
+
+    def with_second(self, payload: bytes | bytearray) -> bytes:
+        """The file with another predicted GOP."""
+        return joined([*self.CHUNKS[:2], Piece(GOP_TYPE, bytes(payload))])
+
+    def second(self, offset: int, layout: str, *values: int) -> bytes:
+        """The file with fields in the head of its predicted GOP overwritten."""
+        payload = bytearray(self.PAYLOADS[1])
+        struct.pack_into("<" + layout, payload, offset, *values)
+        return self.with_second(payload)
 
     def test_the_file_is_valid(self) -> None:
-        (content,) = decode_all(self.FILE)
-        assert len(content.gop) == 6 + 20
-        assert (content.gop.indicator[6:] == 1).all()
+        key, predicted = decode_all(joined(self.CHUNKS))
+        assert (len(key.gop), len(predicted.gop)) == (30, 24 + 5)
+        assert predicted.reference == 0
+
+    def test_a_key_gop_with_carried_gaussians(self) -> None:
+        # A distance of 0 frames means no reference: a GOP cannot refer to itself.
+        with pytest.raises(CorruptError, match="key GOP that carries 30 Gaussians"):
+            decode_all(self.second(40, "I", 0))
+
+    @pytest.mark.parametrize("reference", [1, 2, 4, 2**31, 2**32 - 1])
+    def test_a_reference_to_a_later_or_missing_gop(self, reference: int) -> None:
+        data = self.second(40, "I", reference)
+        reader = opened(data)
+        assert reader.recovered
+        if reference > 3:
+            assert len(reader.gops) == 1
+            assert "frames before frame 3" in " ".join(reader.warnings)
+        else:
+            with pytest.raises(CorruptError, match="is lost, which the GOP at frame 3 is pred"):
+                decode_all(data)
+
+    def test_a_reference_of_another_size(self) -> None:
+        other = Piece(GOP_TYPE, make_payload(29, (3, 2, 4)))
+        with pytest.raises(CorruptError, match="has 29 Gaussians, the GOP expects 30"):
+            decode_all(joined([self.CHUNKS[0], other, self.CHUNKS[2]]))
 
     @pytest.mark.parametrize(
-        ("offset", "value", "says"),
+        ("offset", "values"),
         [
-            (48, 2, "background 2 is lost"),
-            (48, 0, "background 0 of 40 Gaussians"),
-            (52, 0, "background 3 of 0 Gaussians"),
-            (52, 39, "expected 7x6|has 40 Gaussians, the GOP expects 39"),
-            (52, 2**32 - 1, "the header's maximum is 46"),
+            (56, (29,)),
+            (56, (2**32 - 1, 2**32 - 1)),
+            (56, (2**32 - 1, 2**32 - 25)),
+            (60, (31,)),
+            (60, (0,)),
+            (60, (2**32 - 1,)),
+            (64, (25,)),
+            (64, (2**32 - 1, 2**32 - 1)),
+            (68, (25,)),
+            (68, (11,)),
+            (12, (2**32 - 1,)),
+            (12, (23,)),
         ],
     )
-    def test_a_gop_that_lies_of_its_background(self, offset: int, value: int, says: str) -> None:
-        with pytest.raises(CorruptError, match=says):
-            decode_all(patched(self.FILE, GOP_TYPE, offset, "I", value))
+    def test_counts_that_lie_or_overflow(self, offset: int, values: tuple[int, ...]) -> None:
+        with pytest.raises((CorruptError, LimitError)):
+            decode_all(self.second(offset, f"{len(values)}I", *values))
 
-    def test_a_background_behind_its_gop(self) -> None:
-        head, background, gop = pieces(self.FILE)[:3]
-        with pytest.raises(CorruptError, match="background 3 is lost"):
-            decode_all(joined([head, gop, background]))
+    def test_counts_that_differ_from_the_modes(self) -> None:
+        # One more dropped and one less in all: every plane keeps its size.
+        payload = bytearray(self.PAYLOADS[1])
+        struct.pack_into("<I", payload, 12, 28)
+        struct.pack_into("<I", payload, 60, 7)
+        with pytest.raises(CorruptError, match="the GOP's head says 7, 12 and 12"):
+            decode_all(self.with_second(payload))
 
-    def test_backgrounds_out_of_turn(self) -> None:
-        head, background, gop = pieces(self.FILE)[:3]
-        later = Piece(BACKGROUND_TYPE, make_background(4, 40))
-        with pytest.raises(CorruptError, match="background 3 is lost"):
-            decode_all(joined([head, later, background, gop]))
+    @pytest.mark.parametrize("mode", [5, 6, 7])
+    def test_an_unknown_mode(self, mode: int) -> None:
+        payload = with_plane(self.PAYLOADS[1], 37, bytes([mode, 0]), codec=0)
+        with pytest.raises(CorruptError, match=f"mode {mode} of a Gaussian"):
+            decode_all(self.with_second(payload))
 
-    def test_a_background_beyond_reason(self) -> None:
-        data = patched(self.FILE, BACKGROUND_TYPE, 4, "I", 2**32 - 1)
-        with pytest.raises(LimitError, match="GSVR_LIMIT_GAUSSIANS"):
+    @pytest.mark.parametrize("fields", [{"step": 0.5}, {"offset": 1}, {"bits": 2}, {"step": 0}])
+    def test_modes_that_are_no_integers(self, fields: dict[str, float]) -> None:
+        payload = with_plane(self.PAYLOADS[1], 37, b"\1\0", codec=0, **fields)
+        with pytest.raises(CorruptError, match="plane mode"):
+            decode_all(self.with_second(payload))
+
+    @pytest.mark.parametrize(("offset", "value"), [(44, 29), (48, 2), (54, 1)])
+    def test_over_the_header_maxima(self, offset: int, value: int) -> None:
+        data = patched(joined(self.CHUNKS), HEAD_TYPE, offset, "H", value)
+        with pytest.raises(CorruptError, match="the header's maximum is"):
             decode_all(data)
 
-    def test_every_changed_byte_of_a_background_is_refused_or_stays_finite(self) -> None:
-        background = make_background(3, 40)
-        for at in range(len(background)):
-            for value in (0, 0xFF, background[at] ^ 1):
-                try:
-                    (content,) = decode_all(patched(self.FILE, BACKGROUND_TYPE, at, "B", value))
-                except GsvrError:
-                    continue
-                for name in Gop.__slots__:
-                    assert np.isfinite(getattr(content.gop, name)).all()
+    def test_a_very_long_chain(self) -> None:
+        none = make_carried(np.zeros(0, np.uint8))
+        payload = bytearray(
+            make_payload(0, frames=1, first_frame=1, start_pts=40, reference=1, carried=none)
+        )
+        chunks = [Piece(GOP_TYPE, make_payload(0, frames=1))]
+        for number in range(1, 1025):
+            for offset, value in ((0, number), (16, 40 * number), (24, 40 * number)):
+                struct.pack_into("<Q", payload, offset, value)
+            chunks.append(Piece(GOP_TYPE, bytes(payload)))
+        head = self.CHUNKS[0]
+        assert len(decode_all(joined([head, *chunks[:-1]]))) == 1024
+        for reindex in (False, True):
+            with pytest.raises(LimitError, match="GSVR_LIMIT_CHAIN"):
+                opened(joined([head, *chunks], reindex=reindex))
+
+    def test_every_changed_byte_is_refused_or_stays_finite(self) -> None:
+        rng = np.random.default_rng(4)
+        refused = 0
+        for offset in range(len(self.PAYLOADS[1])):
+            value = int(rng.integers(1, 256))
+            try:
+                found = decode_all(self.second(offset, "B", self.PAYLOADS[1][offset] ^ value))
+            except GsvrError:
+                refused += 1
+                continue
+            for name in Gop.__slots__:
+                assert np.isfinite(getattr(found[-1].gop, name)).all()
+        assert refused > 0.3 * len(self.PAYLOADS[1])
 
 
 class TestVersions:
@@ -242,19 +306,35 @@ class TestVersions:
 
     @pytest.mark.parametrize("major", [1, 2, 65535])
     def test_another_major_version_is_unsupported(self, major: int) -> None:
-        with pytest.raises(UnsupportedError, match=rf"version {major}\.4, this decoder reads 0\.x"):
+        with pytest.raises(UnsupportedError, match=rf"version {major}\.5, this decoder reads 0\.x"):
             opened(patched(FILE, HEAD_TYPE, 0, "H", major))
 
-    @pytest.mark.parametrize("bit", [2, 31])
+    @pytest.mark.parametrize("bit", [1, 3, 31])
     def test_flags(self, bit: int) -> None:
         assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
         with pytest.raises(UnsupportedError, match="features this decoder does not know"):
-            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 3))
+            opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit | 5))
 
-    @pytest.mark.parametrize("flags", [0, 1, 2])
-    def test_a_file_without_levels_or_backgrounds_is_unsupported(self, flags: int) -> None:
-        with pytest.raises(UnsupportedError, match=r"reads 0\.4 and later: encode the video anew"):
+    @pytest.mark.parametrize("flags", [0, 1, 4])
+    def test_a_missing_flag_is_corrupt(self, flags: int) -> None:
+        with pytest.raises(CorruptError, match="expected 0x00000005"):
             opened(patched(FILE, HEAD_TYPE, 4, "I", flags))
+
+    @pytest.mark.parametrize(("minor", "flags"), [(1, 0), (3, 1), (4, 3), (4, 5)])
+    def test_an_older_version_is_unsupported(self, minor: int, flags: int) -> None:
+        data = patched(FILE, HEAD_TYPE, 2, "HI", minor, flags)
+        with pytest.raises(UnsupportedError, match=r"reads 0\.5 and later: encode the video anew"):
+            opened(data)
+
+    def test_a_longer_gop_head_of_a_newer_version_is_read(self) -> None:
+        def grow(payload: bytearray) -> None:
+            payload[SUMMARY_BYTES] += 4
+            payload[GOP_HEAD_BYTES:GOP_HEAD_BYTES] = b"more"
+
+        longer = edited(FILE, GOP_TYPE, grow)
+        with pytest.raises(CorruptError, match="GOP head of 76 bytes, expected 72"):
+            decode_all(longer)
+        assert len(decode_all(patched(longer, HEAD_TYPE, 2, "H", 6))) == 3
 
     @pytest.mark.parametrize("reindex", [False, True])
     def test_unknown_chunks(self, reindex: bool) -> None:

@@ -59,7 +59,7 @@ class TestRoundTrip:
         sizes: dict[Codec, int] = {
             codec: len(encode_plane(samples, 13, {codec})[1]) for codec in VARYING_CODECS
         }
-        codec, data = encode_plane(samples, 13, Codec)
+        codec, data = encode_plane(samples, 13, set(Codec))
         assert len(data) == sizes[codec] == min(sizes.values())
 
     def test_the_automatic_choice_needs_no_image_codec(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from fractions import Fraction
@@ -16,29 +17,28 @@ from pathlib import Path
 
 import numpy as np
 
-from gsvrcodec.bitstream.background_payload import unpack_background
 from gsvrcodec.bitstream.chunk import (
-    BACKGROUND_TYPE,
     END_TYPE,
     GOP_TYPE,
     HEAD_TYPE,
     INDEX_TYPE,
     SIGNATURE,
 )
-from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
+from gsvrcodec.bitstream.gop_chain import GopUnpacker
+from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES, parse_gop_head
 from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_gop
 from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.background import append_background
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.prediction import Carried
 from gsvrcodec.planes import PACKS
 from tests.gops import (
     BITS,
     HEADER,
     SIXTEEN_BITS,
-    make_background,
+    make_chain,
     make_file,
     make_gop,
     make_payload,
@@ -96,7 +96,7 @@ def variable_rate() -> bytes:
         rotation=90,
         bit_depth=10,
         colour=ColourInfo(1, 1, 1, True, 1),
-        flags_optional=0x80000001,
+        flags_optional=0x80000002,
     )
     settings = json.dumps({"profile": "main", "crop": None}).encode()
     chunks = pieces(make_file(payloads, header, ((b"sett", settings),)))
@@ -105,37 +105,17 @@ def variable_rate() -> bytes:
 
 
 def newer_minor() -> bytes:
-    """A later minor version, whose header has grown."""
+    """A later minor version, whose header and GOP head have grown."""
 
     def grow(payload: bytearray) -> None:
         payload[2:4] = b"\x63\x00"
         payload += b"new fields"
 
-    return edited(minimal(), HEAD_TYPE, grow)
+    def grow_gop(payload: bytearray) -> None:
+        payload[SUMMARY_BYTES] += 6
+        payload[GOP_HEAD_BYTES:GOP_HEAD_BYTES] = b"fields"
 
-
-def older_minor() -> bytes:
-    """An earlier minor version with the flags of this one."""
-
-    def age(payload: bytearray) -> None:
-        payload[2:4] = b"\x01\x00"
-
-    return edited(make_file([make_payload(30, (4, 3, 2))]), HEAD_TYPE, age)
-
-
-def backgrounds() -> bytes:
-    """Two backgrounds: one GOP shows a part of the first, another all of it, a third none."""
-    return make_file(
-        [
-            make_payload(20, (3, 2, 2), background=1, shown=np.arange(30) % 3 > 0),
-            make_payload(
-                0, first_frame=3, start_pts=120, background=1, shown=np.ones(30, np.bool_)
-            ),
-            make_payload(8, first_frame=6, start_pts=240),
-            make_payload(8, first_frame=9, start_pts=360, background=7, shown=np.arange(5) == 2),
-        ],
-        backgrounds={0: make_background(1, 30), 2: make_background(7, 5)},
-    )
+    return edited(edited(minimal(), HEAD_TYPE, grow), GOP_TYPE, grow_gop)
 
 
 def valid_vectors() -> Iterator[tuple[str, bytes]]:
@@ -145,11 +125,12 @@ def valid_vectors() -> Iterator[tuple[str, bytes]]:
     yield "black-triplane", make_file([make_payload(0, (2, 2, 2))])
     yield "variable-rate", variable_rate()
     yield "newer-minor", newer_minor()
-    yield "older-minor", older_minor()
     for pack in ("deflate", "png", "jxl", "entropy", "auto"):
         yield pack, make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
     yield "entropy-strips", make_file([make_payload(400, pack="entropy", seed=2)])
-    yield "backgrounds", backgrounds()
+    yield "predicted", make_file(make_chain())
+    yield "predicted-entropy", make_file(make_chain((2, 2, 2), 120, 20, pack="entropy"))
+    yield "predicted-branches", make_file(make_chain((3, 1, 2, 2, 2), references=(0, 1, 0, 1)))
     for name, pack in (("sixteen-bits", "jxl"), ("sixteen-bits-entropy", "entropy")):
         yield name, make_file([make_payload(30, (4, 3, 2), pack=pack, bits=SIXTEEN_BITS)])
 
@@ -195,9 +176,10 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
     yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
-    yield header("major-version", 0, "H", 1, code=4, says="version 1.4")
-    yield header("required-flag", 4, "I", 1 << 31 | 3, code=4, says="flags 0x80000000")
-    yield header("no-backgrounds-flag", 4, "I", 1, code=4, says="reads 0.4 and later")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.5")
+    yield header("version-0.4", 2, "H", 4, code=4, says="reads 0.5 and later: encode the")
+    yield header("required-flag", 4, "I", 1 << 31 | 5, code=4, says="flags 0x80000000")
+    yield header("no-prediction-flag", 4, "I", 1, code=3, says="flags 0x00000001")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
     yield header("zero-aspect", 24, "I", 0, code=3, says="aspect ratio 1/0")
@@ -212,22 +194,24 @@ def faulty_vectors() -> Iterator[Fault]:
         0,
         "no valid index",
     )
-    yield Fault("index-frame-gap", patched(good, INDEX_TYPE, 68, "Q", 4), 0, "expected 3")
+    yield Fault("index-frame-gap", patched(good, INDEX_TYPE, 72, "Q", 4), 0, "expected 3")
     yield Fault("index-lies", patched(good, INDEX_TYPE, 28, "I", 1), 3, "the index names")
     yield Fault("end-lies", patched(good, END_TYPE, 0, "Q", 2**64 - 1), 0, "no valid index")
     yield Fault("zero-frames", patched(good, GOP_TYPE, 8, "I", 0), 0, "GOP of 0 frames")
     yield in_gop("zero-step", GOP_HEAD_BYTES + 1, "B", 0, says="step 0")
     yield in_gop("run-too-long", GOP_HEAD_BYTES, "B", 4, says="timing run of 4 frames")
-    yield in_gop("half-triplane", 40, "H", 2, says="tri-plane of 2x0x0")
-    yield in_gop("plane-width", TABLE_OFFSET + 4, "H", 5, says="of 5x2, expected 3x2")
+    yield in_gop("half-triplane", SUMMARY_BYTES + 4, "H", 2, says="tri-plane of 2x0x0")
+    yield in_gop("head-too-long", SUMMARY_BYTES, "H", 73, says="GOP head of 73 bytes")
+    yield in_gop("head-too-short", SUMMARY_BYTES, "H", 71, says="GOP head of 71 bytes")
+    yield in_gop("head-reserved", SUMMARY_BYTES + 10, "H", 1, says="reserved bytes")
     yield in_gop("plane-order", TABLE_OFFSET + 1, "B", 1, says="plane 0.1 where 0.0")
     yield in_gop("plane-bits", TABLE_OFFSET + 3, "B", 17, says="of 17 bits")
-    yield in_gop("step-zero", TABLE_OFFSET + 12, "f", 0, says="step 0 is not constant")
-    yield in_gop("step-negative", TABLE_OFFSET + 12, "f", -1, says="step -1")
-    yield in_gop("step-nan", TABLE_OFFSET + 12, "f", np.nan, says="step nan")
-    yield in_gop("offset-infinite", TABLE_OFFSET + 8, "f", np.inf, says="offset inf")
-    yield in_gop("value-over-bound", TABLE_OFFSET + 12, "f", 1e30, says="allowed is -1024")
-    yield in_gop("plane-size", TABLE_OFFSET + 16, "I", 2**32 - 1, says="planes end at byte")
+    yield in_gop("step-zero", TABLE_OFFSET + 8, "f", 0, says="step 0 is not constant")
+    yield in_gop("step-negative", TABLE_OFFSET + 8, "f", -1, says="step -1")
+    yield in_gop("step-nan", TABLE_OFFSET + 8, "f", np.nan, says="step nan")
+    yield in_gop("offset-infinite", TABLE_OFFSET + 4, "f", np.inf, says="offset inf")
+    yield in_gop("value-over-bound", TABLE_OFFSET + 8, "f", 1e30, says="allowed is -1024")
+    yield in_gop("plane-size", TABLE_OFFSET + 12, "I", 2**32 - 1, says="planes end at byte")
     yield Fault(
         "unknown-codec", patched(good, GOP_TYPE, TABLE_OFFSET + 2, "B", 9), 4, "plane codec 9"
     )
@@ -244,29 +228,52 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("context-no-token", bytes.fromhex("0000240000000100 0000"), "none of", codec=4)
     yield plane("ranges-too-high", b"\x00\xff\xff\x03\x00\x00\x01\x00", "out of range", codec=5)
     yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
-    yield from _background_faults()
+    yield from _prediction_faults()
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
 
 
-def _background_faults() -> Iterator[Fault]:
-    head, background, first, second = pieces(backgrounds())[:4]
-    yield Fault("background-lost", joined([head, first, second]), 3, "background 1 is lost")
-    yield Fault("background-of-none", _in_background(4, 0), 3, "background 1 is lost")
-    yield Fault("background-planes", _in_background(8, 7), 3, "7 planes, expected 8")
-    other = joined([head, Piece(BACKGROUND_TYPE, make_background(1, 31)), first])
+def _prediction_faults() -> Iterator[Fault]:
+    chain = make_chain((3, 3))
+    good = make_file(chain)
+    head, key, predicted = pieces(good)[:3]
+    modes = 37  # the number of the plane `mode`: the GOP has new Gaussians and a tri-plane
+
+    def in_second(name: str, offset: int, layout: str, *values: int, code: int, says: str) -> Fault:
+        payload = bytearray(predicted.payload)
+        struct.pack_into("<" + layout, payload, offset, *values)
+        return Fault(name, joined([head, key, Piece(GOP_TYPE, bytes(payload))]), code, says)
+
+    def mode(name: str, data: bytes, says: str, **changes: float) -> Fault:
+        payload = with_plane(predicted.payload, modes, data, **changes)
+        return Fault(name, joined([head, key, Piece(GOP_TYPE, payload)]), 3, says)
+
+    gaussians = parse_gop_head(predicted.payload).gaussians
+    yield in_second("reference-before-start", 40, "I", 4, code=0, says="4 frames before frame 3")
+    yield in_second("reference-inside-gop", 40, "I", 2, code=3, says="frame 1 is lost, which")
+    yield in_second("reference-none", 40, "I", 0, code=3, says="key GOP that carries 30")
+    yield Fault("reference-lost", joined([head, predicted], reindex=False), 3, "0 is lost, which")
+    damaged = _flip(good, good.index(key.payload) + 90)
+    yield Fault("reference-damaged", damaged, 3, "CRC mismatch")
+    other = Piece(GOP_TYPE, make_payload(29, (3, 2, 4)))
+    yield Fault("reference-of-others", joined([head, other, predicted]), 3, "expects 30")
     yield Fault(
-        "background-of-others", other, 3, "background 1 has 31 Gaussians, the GOP expects 30"
+        "key-gop-carries", patched(good, GOP_TYPE, 56, "I", 1), 3, "key GOP that carries 1 "
     )
-    half = edited(
-        backgrounds(), GOP_TYPE, lambda payload: payload.__setitem__(slice(52, 56), bytes(4))
+    yield in_second("dropped-too-many", 60, "I", 31, code=3, says="30 - 31 are carried over")
+    yield in_second("changed-too-many", 64, "I", 25, code=3, says="25 changed and")
+    yield in_second("moved-too-many", 68, "I", 2**32 - 1, code=3, says="4294967295 moved")
+    payload = bytearray(predicted.payload)
+    struct.pack_into("<I", payload, 12, gaussians - 1)
+    struct.pack_into("<I", payload, 60, 7)
+    counts = joined([head, key, Piece(GOP_TYPE, bytes(payload))])
+    yield Fault("modes-of-others", counts, 3, "the GOP's head says 7, 12 and 12")
+    yield in_second(
+        "carried-over-maximum", 56, "II", 2**32 - 1, 2**32 - 25, code=3, says="maximum is"
     )
-    yield Fault("background-without-gaussians", half, 3, "background 1 of 0 Gaussians")
-    cut = joined([head, Piece(BACKGROUND_TYPE, background.payload[:8]), first])
-    yield Fault("background-cut", cut, 3, "background 1 is lost")
-
-
-def _in_background(offset: int, value: int) -> bytes:
-    return patched(backgrounds(), BACKGROUND_TYPE, offset, "I", value)
+    yield mode("mode-unknown", b"\5\0", "mode 5 of a Gaussian", codec=0)
+    yield mode(
+        "mode-step", b"\0\0", "plane mode of 3 bits with offset 0 and step 0.5", codec=0, step=0.5
+    )
 
 
 def _flip(data: bytes, offset: int) -> bytes:
@@ -274,38 +281,55 @@ def _flip(data: bytes, offset: int) -> bytes:
 
 
 def description(data: bytes) -> dict[str, object]:
-    """What a decoder must find in a valid file: header, timing, and hashes of all values."""
+    """What a decoder must find in a valid file: header, timing, and hashes of all coded values.
+
+    Gaussians that are carried over are computed from others, and stand here as decimal numbers.
+    """
     with GsvrReader(io.BytesIO(data), Limits()) as reader:
         header = asdict(reader.header)
         header["time_base"] = str(header["time_base"])
         header["sample_aspect"] = str(header["sample_aspect"])
         gops = []
+        unpacker = GopUnpacker(reader, Limits())
         for position in range(len(reader.gops)):
             content = unpack_gop(reader.read_gop(position), reader.header, Limits())
-            if content.shown is not None:
-                chunk = reader.find_background(content.background, position).chunk
-                background = unpack_background(reader.read_chunk(chunk), Limits())
-                content = replace(
-                    content, gop=append_background(content.gop, background, content.shown)
-                )
-            values = {field.name: getattr(content.gop, field.name) for field in fields(Gop)}
-            gops.append(
-                {
-                    "first_frame": content.first_frame,
-                    "pts": content.pts.tolist(),
-                    "durations": content.durations.tolist(),
-                    "shapes": {name: list(array.shape) for name, array in values.items()},
-                    "sha256": {
-                        name: hashlib.sha256(array.astype("<f4").tobytes()).hexdigest()
-                        for name, array in values.items()
-                    },
+            found: dict[str, object] = {
+                "first_frame": content.first_frame,
+                "reference": content.reference,
+                "pts": content.pts.tolist(),
+                "durations": content.durations.tolist(),
+                "new": _exact(
+                    {field.name: getattr(content.new, field.name) for field in fields(Gop)}
+                ),
+            }
+            if content.carried is not None:
+                carried = {
+                    field.name: getattr(content.carried, field.name) for field in fields(Carried)
                 }
-            )
+                whole = unpacker.unpack(position).gop
+                kept = len(whole) - len(content.new)
+                found["carried"] = _exact(carried)
+                found["carried_over"] = {
+                    name: " ".join(f"{value:.6f}" for value in getattr(whole, name)[:kept].flat)
+                    for name in ("position", "log_scale", "rotation", "colour")
+                }
+            gops.append(found)
         return {
             "header": header,
             "chunks": [[chunk.name, chunk.offset, chunk.size] for chunk in reader.chunks],
             "gops": gops,
         }
+
+
+def _exact(values: dict[str, np.ndarray]) -> dict[str, object]:
+    """Shapes and hashes of arrays."""
+    return {
+        "shapes": {name: list(array.shape) for name, array in values.items()},
+        "sha256": {
+            name: hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest()
+            for name, array in values.items()
+        },
+    }
 
 
 def hex_dump(data: bytes) -> str:
@@ -331,11 +355,12 @@ def hex_dump(data: bytes) -> str:
         (8, "first timestamp 0"),
         (8, "last timestamp 0"),
         (8, "last duration 1"),
+        (4, "key GOP"),
     ]
     chunk(
         "HEAD",
         [
-            (4, "version 0.4"),
+            (4, "version 0.5"),
             (8, "flags"),
             (8, "size 16x8"),
             (8, "sample aspect 1/1"),
@@ -349,13 +374,19 @@ def hex_dump(data: bytes) -> str:
         ],
     )
     timing = [(3, "timing: 1 frame, step 1, duration 1")]
-    shape = [(6, "Gx, Gy, Gt"), (2, "13 planes"), (8, "no background")]
-    table = [(20, f"plane {name}") for name in names]
+    shape = [
+        (4, "72 bytes, 13 planes"),
+        (6, "Gx, Gy, Gt"),
+        (2, "reserved"),
+        (8, "carries 0, drops 0"),
+        (8, "changes 0, moves 0"),
+    ]
+    table = [(16, f"plane {name}") for name in names]
     planes = [(2, f"samples of {name}") for name in names]
     chunk("GOPD", [*summary, *shape, *timing, *table, *planes])
-    gop_size = GOP_HEAD_BYTES + 3 + 22 * len(names)
+    gop_size = GOP_HEAD_BYTES + 3 + 18 * len(names)
     chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
-    chunk("fend", [(8, "index at byte 463"), (8, f"file of {len(data)} bytes")])
+    chunk("fend", [(8, f"index at byte {98 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
     lines = []
     offset = 0
     for length, what in parts:
