@@ -99,8 +99,8 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=0),
     default=_DEFAULTS.workers,
     metavar="N",
-    help="Worker processes, each encoding one chain of GOPs at a time; they share the threads. 0 = chosen by "
-    "length of the encode. Does not change the file.",
+    help="Worker processes, each encoding one chain of GOPs at a time; they share the threads. 0 = "
+    "chosen by length of the encode. Does not change the file.",
 )
 @threads_option
 @device_option

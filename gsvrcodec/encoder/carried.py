@@ -34,7 +34,7 @@ def carried_of(fit: Fit, gop: Gop, precision: Precision) -> Carried | None:
 
     def rounds_to_nothing(name: str, value: Float32Array) -> NDArray[np.bool_]:
         codes = np.rint(value.reshape(len(gop), -1) / np.array(precision[name]))
-        return ~codes.any(axis=1)
+        return np.asarray(~codes.any(axis=1))
 
     changed = ~np.logical_and.reduce([rounds_to_nothing(n, v) for n, v in values.items()])
     moving = {"linear": gop.linear, "quadratic": gop.quadratic, "indicator": 1 - gop.indicator}

@@ -108,7 +108,10 @@ class _State:
             return
         content = unpack_gop(result.payload, _ANY, Limits())
         before = self.reference
-        whole = content.gop(before and before.gop, before.frames if before else 0)
+        if before is None:
+            whole = content.gop(None, 0)
+        else:
+            whole = content.gop(before.gop, before.frames)
         self.reference = Reference(whole, gop.start, len(gop), result.qscale)
 
     def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:

@@ -60,8 +60,8 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file as a .gsvr file.
 
-    The source is read twice, frame by frame: to analyse its motion, and to fit it. `dst` appears when it is whole; until then finished GOPs are kept in `dst` +
-    ".part".
+    The source is read twice, frame by frame: to analyse its motion, and to fit it. `dst` appears
+    when it is whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
         src: any video that FFmpeg reads, numbered pictures such as in_%04d.png, or "-" = the

@@ -1,4 +1,4 @@
-"""Cutting a video into GOPs by its motion (paper, "Dynamic-aware Time Slicing"), and into chains."""
+"""Cutting a video into chains of GOPs by its motion (paper, "Dynamic-aware Time Slicing")."""
 
 from __future__ import annotations
 

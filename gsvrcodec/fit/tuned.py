@@ -89,11 +89,11 @@ class _Prediction:
     draws: int = 6  #: noises that sensitivities are measured with there
     floor: float = 0.05  #: least sensitivity, in the mean of all Gaussians
     #: a Gaussian is kept if its change is worth less than so many bits
-    kept_bits: float = 40.0
+    kept_bits: float = 80.0
     price: float = 2.4  #: of the bits of a change, in what a bit is worth
     change_bits: float = 2.0  #: of a change, beside those of its components
     undone: float = 1.5  #: a change is undone if it is worth less than so many times its bits
-    motion_price: float = 0.0  #: of motion that differs from the neighbours', in `price`
+    motion_price: float = 1.0  #: of motion that differs from the neighbours', in `price`
     near: int = 15  #: neighbours in drawing order
     renewed_first: float = 0.05  #: fraction of the Gaussians that is new from the beginning
     least_steps: int = 60
