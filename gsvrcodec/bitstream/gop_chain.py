@@ -64,14 +64,14 @@ class GopUnpacker:
                 its offset are named.
             LimitError: The GOP, or one of its chain, is over the limits.
         """
-        chain = self._chain(position)
+        chain = self._reader.chain_of(position)
         start = max((n for n, link in enumerate(chain) if link in self._recent), default=0)
-        for link in chain[start:]:
+        for number, link in enumerate(chain[start:], start + 1):
             if link in self._faults:
                 raise self._fault(link, position)
             if link not in self._recent:
                 try:
-                    whole = self._unpacked(link)
+                    whole = self._unpacked(link, chain[:number])
                 except CorruptError as error:
                     self._faults[link] = error.located(error.chunk or "", error.offset or 0)
                     raise self._fault(link, position) from error
@@ -81,19 +81,15 @@ class GopUnpacker:
             self._recent.move_to_end(link)
         return self._recent[position]
 
-    def _chain(self, position: int) -> list[int]:
-        """Return the chain of a GOP; check that its bytes may expand to so many Gaussians."""
-        chain = self._reader.chain_of(position)
+    def _unpacked(self, position: int, chain: list[int]) -> WholeGop:
+        """Unpack a GOP whose reference is in memory; its chain ends with it."""
         gops = self._reader.gops
+        payload = self._reader.read_gop(position)
+        # Not before the checksum is known to be right: damage is no reason to stop.
         values = GAUSSIAN_PARAMETERS * gops[position].gaussians
         self._limits.check_expansion(4 * values, sum(gops[link].size for link in chain))
-        return chain
-
-    def _unpacked(self, position: int) -> WholeGop:
-        """Unpack a GOP whose reference is in memory."""
-        payload = self._reader.read_gop(position)
-        reference = self._reader.reference_of(position)
-        with _located(self._reader.gops[position].chunk):
+        reference = chain[-2] if len(chain) > 1 else None
+        with _located(gops[position].chunk):
             content = unpack_gop(payload, self._reader.header, self._limits)
             if reference is None or content.carried is None:
                 whole, kept = content.new, None

@@ -265,7 +265,7 @@ class Decoder:
         base = self._reader.header.time_base
         for (position, _), group in groupby(numbered, lambda one: self._place(one[1])):
             while batch := list(islice(group, self.batch)):
-                self._gops.prefetch(position + 1)
+                self._gops.prefetch(position)
                 numbers, ticks = zip(*batch, strict=True)
                 try:
                     pictures = self.render_many([tick * base for tick in ticks])
@@ -310,7 +310,7 @@ class Decoder:
             end = min(self._gops.run_end(start), start + batch, stop)
             try:
                 if self._gops.run_end(start) < stop:
-                    self._gops.prefetch(self._reader.gop_of_frame(start) + 1)
+                    self._gops.prefetch(self._reader.gop_of_frame(start))
                 frames = self.get_frames_at(range(start, end))
             except CorruptError as error:
                 end = min(self._gops.run_end(start), stop)

@@ -90,9 +90,10 @@ class GopCache:
             raise
 
     def prefetch(self, position: int) -> None:
-        """Start to unpack GOP `position`, if the file has one, and return at once."""
-        if position < len(self.reader.gops):
-            self._future(position)
+        """Start to unpack GOP `position` and then the next, if there is one; return at once."""
+        for number in (position, position + 1):
+            if number < len(self.reader.gops):
+                self._future(number)
 
     def position_at(self, ticks: int | Fraction) -> int:
         """Return the position of the GOP shown at a time; 0 before the first GOP."""

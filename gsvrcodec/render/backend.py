@@ -22,7 +22,7 @@ Samples = Any
 
 
 class Backend(ABC):
-    """One renderer on one device. All backends agree (spec section 8.5).
+    """One renderer on one device. All backends agree (spec section 8.6).
 
     The parameters that are optimised are torch tensors on `device`, by the names of `Gop`.
     """

@@ -196,6 +196,16 @@ class TestUnpacker:
         with pytest.raises(LimitError, match="would expand to 3120 bytes"):
             unpacker.unpack(1)
 
+    def test_a_damaged_count_is_no_limit(self) -> None:
+        # Without an index the summary comes from the damaged chunk itself.
+        chunks = pieces(FILE)[:7]
+        data = bytearray(joined(chunks, reindex=False))
+        data[data.index(CHAIN[2]) + 15] ^= 0x80
+        unpacker = GopUnpacker(opened(bytes(data)), Limits())
+        unpacker.unpack(1)
+        with pytest.raises(CorruptError, match="CRC mismatch"):
+            unpacker.unpack(2)
+
 
 class TestIndex:
     @pytest.mark.parametrize("reference", [1, 2, 4, 2**32 - 1])

@@ -351,5 +351,20 @@ class TestDamage:
             *whole[8:],
         ]
 
+    def test_flipped_bit_in_a_chain(self, cli: Runner, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", frames=(5, 3, 4), predicted=True)
+        whole = pictures(path)
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+        result = cli("gsvrdec", path, tmp_path / "out.mkv", "--keep-going")
+        assert result.code == 5
+        assert "gsvrdec: warning: frames 5 to 7 are left out" in result.err
+        assert "the GOP at frame 8 is predicted from this one" in result.err
+        assert "5 frames were written, 7 lost" in result.err
+        found = [frame.rgb.tobytes() for frame in open_video(tmp_path / "out.mkv")]
+        assert found == whole[:5]
+        assert cli("gsvrdec", path, "--muxer", "null", "--fps", "60", "--keep-going").code == 5
+
     def test_sound_file_keeps_going_too(self, cli: Runner, path: Path) -> None:
         assert cli("gsvrdec", path, "--muxer", "null", "--keep-going").code == 0

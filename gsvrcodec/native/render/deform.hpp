@@ -1,5 +1,5 @@
 // Deforms kLanes Gaussians at a time to one frame's time and projects them to their pyramid levels
-// (spec sections 8.2 and 8.3). Included by kernels.cpp.
+// (spec sections 8.2 and 8.4). Included by kernels.cpp.
 
 // Values of kLanes Gaussians that both the projection and its gradient need.
 struct Deformed {
