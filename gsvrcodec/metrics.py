@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 #: PSNR of equal pictures, for which the formula is infinite, dB.
 MAX_PSNR = 100.0
 
+#: MS-SSIM in dB of equal pictures, for which the formula is infinite.
+MAX_MS_SSIM_DB = 100.0
+
 #: SSIM's constants for 8-bit samples, (0.01 * 255)^2 and (0.03 * 255)^2 (Wang et al., 2004).
 _C1 = 6.5025
 _C2 = 58.5225
@@ -53,6 +56,13 @@ def psnr_of(mean_squared_error: float) -> float:
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     """Return the PSNR over all samples of two 8-bit arrays of one shape, dB."""
     return psnr_of(squared_error(a, b))
+
+
+def ms_ssim_db(ms_ssim: float) -> float:
+    """Return an MS-SSIM, at most 1, as -10 log10(1 - ms_ssim), dB; `MAX_MS_SSIM_DB` at most."""
+    if ms_ssim >= 1:
+        return MAX_MS_SSIM_DB
+    return min(MAX_MS_SSIM_DB, -10 * log10(1 - ms_ssim))
 
 
 def similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Similarity:

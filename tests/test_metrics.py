@@ -8,7 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from gsvrcodec.metrics import MAX_PSNR, Similarity, psnr, psnr_of, similarity, squared_error
+from gsvrcodec.metrics import (
+    MAX_MS_SSIM_DB,
+    MAX_PSNR,
+    Similarity,
+    ms_ssim_db,
+    psnr,
+    psnr_of,
+    similarity,
+    squared_error,
+)
 from gsvrcodec.video import open_video
 from tests import making
 
@@ -31,6 +40,11 @@ def test_agrees_with_the_definition_on_noise() -> None:
     a, b = rng.integers(0, 256, (2, 90, 160, 3), np.uint8)
     error = ((a.astype(int) - b.astype(int)) ** 2).mean()
     assert psnr(a, b) == pytest.approx(10 * log10(255**2 / error), abs=1e-12)
+
+
+def test_ms_ssim_in_decibels() -> None:
+    assert [ms_ssim_db(value) for value in (0.0, 0.9, 0.999)] == pytest.approx([0, 10, 30])
+    assert ms_ssim_db(1.0) == ms_ssim_db(1 - 1e-12) == MAX_MS_SSIM_DB
 
 
 def test_other_shapes_fail() -> None:

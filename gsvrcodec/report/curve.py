@@ -9,6 +9,9 @@ from math import exp, log
 import numpy as np
 from numpy.typing import NDArray
 
+#: Halvings of the range of quality that are more than exact enough for any use.
+_HALVINGS = 50
+
 
 @dataclass(frozen=True, slots=True)
 class BdRate:
@@ -48,6 +51,20 @@ class RateCurve:
         if not self.quality[0] <= quality <= self.quality[-1]:
             return None
         return exp(self._at(np.array([quality]))[0])
+
+    def quality_at(self, rate: float) -> float | None:
+        """Return the quality at a rate; None = the rate is outside the measured range.
+
+        The inverse of `rate`; where the rate falls as the quality rises, one of several solutions.
+        """
+        wanted = log(rate)
+        low, high = self.quality[0], self.quality[-1]
+        if not self.log_rate[0] <= wanted <= self.log_rate[-1]:
+            return None
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._at(middle[None])[0] < wanted else (low, middle)
+        return float(high)
 
     def bd_rate(self, other: RateCurve) -> BdRate | None:
         """Return the BD-rate of this curve against another; None = the curves do not overlap."""

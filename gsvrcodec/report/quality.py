@@ -9,7 +9,7 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.metrics import psnr_of, similarity, squared_error
+from gsvrcodec.metrics import ms_ssim_db, psnr_of, similarity, squared_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,11 @@ class Quality:
     psnr_rgb_min: float  #: PSNR of the worst frame, dB
     ssim: float | None  #: mean of the frames; None = the frames are too small
     ms_ssim: float | None  #: mean of the frames; None = the frames are too small
+
+    @property
+    def ms_ssim_db(self) -> float | None:
+        """Mean MS-SSIM as -10 log10(1 - ms_ssim), dB; None = the frames are too small."""
+        return None if self.ms_ssim is None else ms_ssim_db(self.ms_ssim)
 
     @classmethod
     def of(cls, frames: Iterable[PictureQuality]) -> Quality:

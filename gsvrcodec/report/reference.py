@@ -113,6 +113,13 @@ class Curve:
         """Bits a pixel and frame over mean PSNR."""
         return RateCurve((point.quality.psnr_rgb, point.bpp) for point in self.points)
 
+    @property
+    def ms_ssim_curve(self) -> RateCurve | None:
+        """Bits a pixel and frame over mean MS-SSIM in dB; None = the frames are too small."""
+        pairs = [(point.quality.ms_ssim_db, point.bpp) for point in self.points]
+        known = [(quality, bpp) for quality, bpp in pairs if quality is not None]
+        return RateCurve(known) if len(known) == len(pairs) else None
+
 
 def parse_reference(text: str) -> Reference:
     """Parse a reference such as `x264`, `x264:intra` or `svtav1:key=same:preset=4`.
@@ -189,7 +196,7 @@ def measure(
             else ycbcr_frames((source.rgb for source in video), video.info),
             video.info,
             library.encoder,
-            _options(reference, crf),
+            encoder_options(reference, crf),
             threads,
         )
         encoded = time.perf_counter()
@@ -223,8 +230,8 @@ def _quality(
     )
 
 
-def _options(reference: Reference, crf: int) -> dict[str, str]:
-    """Return the encoder's options by their names in FFmpeg."""
+def encoder_options(reference: Reference, crf: float) -> dict[str, str]:
+    """Return the encoder's options by their names in FFmpeg; `key` must be a number or None."""
     options = {"preset": reference.preset, "crf": str(crf)}
     if reference.tune is not None:
         options["tune"] = reference.tune

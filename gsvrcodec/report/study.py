@@ -13,6 +13,7 @@ from typing import Any
 
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.errors import UsageError
+from gsvrcodec.metrics import ms_ssim_db
 from gsvrcodec.report.compare import Report, first_frame, open_part, report
 from gsvrcodec.report.curve import BdRate, RateCurve
 from gsvrcodec.report.machine import cores, processor
@@ -36,9 +37,20 @@ class Study:
         """Bits a pixel and frame of the files over their mean PSNR."""
         return RateCurve((report.psnr_rgb, report.bpp) for report in self.reports)
 
+    @property
+    def ms_ssim_curve(self) -> RateCurve | None:
+        """Bits a pixel and frame over mean MS-SSIM in dB; None = the frames are too small."""
+        known = [(ms_ssim_db(r.ms_ssim), r.bpp) for r in self.reports if r.ms_ssim is not None]
+        return RateCurve(known) if len(known) == len(self.reports) else None
+
     def bd_rate(self, curve: Curve) -> BdRate | None:
         """Return the BD-rate of the files against a reference; None = no overlap."""
         return self.rate_curve.bd_rate(curve.rate_curve)
+
+    def bd_rate_ms_ssim(self, curve: Curve) -> BdRate | None:
+        """Return the BD-rate by MS-SSIM in dB; None = no overlap, or the frames are too small."""
+        ours, theirs = self.ms_ssim_curve, curve.ms_ssim_curve
+        return None if ours is None or theirs is None else ours.bd_rate(theirs)
 
     def to_json(self) -> str:
         """Return a JSON object: fields of the first report, then the other files and references."""

@@ -66,6 +66,17 @@ class TestRate:
     def test_cheapest_of_equal_quality(self) -> None:
         assert curve([5, 3, 9], [30, 30, 32]).rate(30) == pytest.approx(3)
 
+    def test_quality_at_a_rate_is_the_inverse(self) -> None:
+        found = curve([4, 1, 2, 9], [35, 30, 33, 36.5])
+        for quality in (30.0, 31.7, 33.0, 34.9, 36.4):
+            rate = found.rate(quality)
+            assert rate is not None
+            assert found.quality_at(rate) == pytest.approx(quality)
+
+    def test_no_quality_outside(self) -> None:
+        found = curve([1, 4], [30, 32])
+        assert (found.quality_at(0.99), found.quality_at(4.01)) == (None, None)
+
     def test_no_point_fails(self) -> None:
         with pytest.raises(ValueError, match="needs a point"):
             RateCurve([])

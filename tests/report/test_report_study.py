@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from math import log10
 from pathlib import Path
 
 import pytest
@@ -68,7 +69,7 @@ class TestReferences:
 
     @pytest.mark.parametrize(("codec", "encoder"), [("x264", "libx264"), ("x265", "libx265")])
     def test_a_cut_makes_no_key_frame_of_its_own(self, codec: str, encoder: str) -> None:
-        options = references._options(parse_reference(f"{codec}:key=4"), 30)
+        options = references.encoder_options(parse_reference(f"{codec}:key=4"), 30)
         with open_video(making.NOISE, frames=6) as video:
             frames = ycbcr_frames((shot.rgb for shot in video), video.info)
             stream = encode_stream(frames, video.info, encoder, options, threads=1)
@@ -201,6 +202,24 @@ class TestStudy:
         # Not exactly twice: the ends of the shorter curve bend otherwise.
         assert found.percent == pytest.approx(100, abs=2)
         assert (found.low, found.high) == (doubled[-1].psnr_rgb, doubled[0].psnr_rgb)
+
+    def test_bd_rate_by_ms_ssim_is_that_of_the_points(self, noisy: Study) -> None:
+        (curve,) = noisy.curves
+        similar = tuple(
+            replace(point, quality=replace(point.quality, ms_ssim=1 - 0.1 * 0.5**number))
+            for number, point in enumerate(reversed(curve.points[:4]))
+        )
+        half = tuple(
+            replace(noisy.reports[0], bpp=point.bpp / 2, ms_ssim=point.quality.ms_ssim)
+            for point in similar
+        )
+        found = replace(noisy, reports=half).bd_rate_ms_ssim(replace(curve, points=similar))
+        assert found is not None
+        assert found.percent == pytest.approx(-50)
+        assert (found.low, found.high) == pytest.approx((10, 10 + 30 * log10(2)))
+
+    def test_no_bd_rate_by_ms_ssim_of_small_frames(self, noisy: Study) -> None:
+        assert noisy.bd_rate_ms_ssim(noisy.curves[0]) is None
 
     def test_files_of_other_frames_fail(self, tmp_path: Path) -> None:
         files = [
