@@ -2,64 +2,47 @@
 
 The same frames are coded by x264 (preset medium) at the PSNR of the .gsvr file, and both files are
 decoded to RGB in turns, several times, on the same cores. Prints medians: render only, bitstream
-to RGB, file to mp4; and what one thread reaches.
+to RGB, file to mp4; and what one thread reaches. The ratio is the median of the rounds' ratios,
+with the least and the greatest of them.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from fractions import Fraction
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import fmean, median
+from statistics import median
 
-import av
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 import gsvrcodec
 from gsvrcodec.decoder.gop_cache import GopCache
-from gsvrcodec.metrics import psnr
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import backend_on
-from gsvrcodec.video import open_video
-from tests.benchmarks.machine import machine
-
-Frames = Sequence[NDArray[np.uint8]]
-
-
-def x264(frames: Frames, rate: Fraction, crf: float, path: Path) -> None:
-    """Code frames as x264 does by default: preset medium, yuv420p."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=rate)
-        stream.height, stream.width = frames[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": str(crf), "preset": "medium"}
-        for rgb in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
-        container.mux(stream.encode(None))
+from tests.benchmarks import x264
+from tests.benchmarks.footage import read
+from tests.benchmarks.machine import command, commit, machine
 
 
-def h264_frames(path: Path, threads: int) -> Iterator[NDArray[np.uint8]]:
-    """Decode a file to RGB with libavcodec's frame and slice threads."""
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        stream.thread_count = threads
-        for frame in container.decode(stream):
-            yield np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """How many times faster ours is, over the rounds."""
 
+    median: float
+    least: float
+    greatest: float
 
-def gsvr_frames(path: Path, threads: int) -> Iterator[NDArray[np.uint8]]:
-    """Decode a .gsvr file to RGB."""
-    with gsvrcodec.open(path, threads=threads) as decoder:
-        for frame in decoder:
-            yield frame.data.astype(np.uint8, copy=False)
+    @classmethod
+    def of(cls, ours: Sequence[float], theirs: Sequence[float]) -> Ratio:
+        """Compare seconds of the same rounds."""
+        ratios = [other / own for own, other in zip(ours, theirs, strict=True)]
+        return cls(median(ratios), min(ratios), max(ratios))
 
 
 def drain(frames: Iterable[object]) -> None:
@@ -67,24 +50,8 @@ def drain(frames: Iterable[object]) -> None:
     deque(frames, maxlen=0)
 
 
-def matching_crf(frames: Frames, rate: Fraction, wanted: float, path: Path) -> float:
-    """Leave at `path` the file whose mean PSNR is nearest to `wanted`; return that PSNR."""
-    low, high = 1.0, 51.0
-    for _ in range(7):
-        crf = (low + high) / 2
-        x264(frames, rate, crf, path)
-        reached = mean_psnr(frames, h264_frames(path, 0))
-        low, high = (crf, high) if reached > wanted else (low, crf)
-    return reached
-
-
-def mean_psnr(frames: Frames, others: Iterable[NDArray[np.uint8]]) -> float:
-    """Mean of the frames' PSNR, dB."""
-    return fmean(psnr(a, b) for a, b in zip(frames, others, strict=True))
-
-
-def rates(frames: int, repeats: int, *calls: Callable[[], object]) -> list[float]:
-    """Median frames a second of each call, the calls taking turns."""
+def seconds(repeats: int, *calls: Callable[[], object]) -> list[list[float]]:
+    """Return the seconds that each call took in each round, the calls taking turns."""
     times: list[list[float]] = [[] for _ in calls]
     for call in calls:
         call()
@@ -93,7 +60,7 @@ def rates(frames: int, repeats: int, *calls: Callable[[], object]) -> list[float
             start = time.perf_counter()
             call()
             taken.append(time.perf_counter() - start)
-    return [frames / median(taken) for taken in times]
+    return times
 
 
 def render_only(path: Path, threads: int) -> Callable[[], object]:
@@ -113,49 +80,71 @@ def render_only(path: Path, threads: int) -> Callable[[], object]:
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
-@click.argument("source", type=click.Path(path_type=Path))
-@click.option("--repeats", default=7, show_default=True)
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("source", type=click.Path(path_type=Path, exists=True))
+@click.option("--repeats", default=7, show_default=True, type=click.IntRange(min=1))
 @click.option("--threads", default=os.cpu_count() or 1, show_default=True)
-def main(file: Path, source: Path, repeats: int, threads: int) -> None:
+@click.option("--json", "output", type=click.Path(path_type=Path), help="Write all of it here.")
+def main(file: Path, source: Path, repeats: int, threads: int, output: Path | None) -> None:
     """Compare decoding speed of FILE with H.264 of the same frames of SOURCE."""
-    with gsvrcodec.open(file) as decoder:
-        settings, rate = decoder.metadata.settings, decoder.metadata.average_rate
-        count = len(decoder)
-    crop = settings.get("crop")
-    with open_video(source, tuple(crop) if crop else None, settings["start_frame"], count) as video:
-        frames = [frame.rgb for frame in video]
-    quality = mean_psnr(frames, gsvr_frames(file, threads))
+    footage, own = read(source, file)
+    count, size = own.frames, (footage.info.width, footage.info.height)
+    quality = footage.psnr(own.pictures(threads))
     with tempfile.TemporaryDirectory() as folder:
-        other = Path(folder) / "x264.mp4"
-        reached = matching_crf(frames, rate or Fraction(25), quality, other)
-        ours, theirs, rendered, ours_one, theirs_one = rates(
-            count,
-            repeats,
-            lambda: drain(gsvr_frames(file, threads)),
-            lambda: drain(h264_frames(other, threads)),
-            render_only(file, threads),
-            lambda: drain(gsvr_frames(file, 1)),
-            lambda: drain(h264_frames(other, 1)),
-        )
+        other = x264.match(footage, Path(folder) / "x264.mp4", None, quality, "psnr")
+        calls = {
+            "ours": lambda: drain(own.pictures(threads)),
+            "theirs": lambda: drain(other.pictures(threads)),
+            "render_only": render_only(file, threads),
+            "ours_one_thread": lambda: drain(own.pictures(1)),
+            "theirs_one_thread": lambda: drain(other.pictures(1)),
+        }
+        taken = dict(zip(calls, seconds(repeats, *calls.values()), strict=True))
         mp4 = Path(folder) / "out.mp4"
-        (to_mp4,) = rates(
-            count, 1, lambda: gsvrcodec.decode(file, mp4, overwrite=True, threads=threads)
+        (taken["to_mp4"],) = seconds(
+            1, lambda: gsvrcodec.decode(file, mp4, overwrite=True, threads=threads)
         )
-        sizes = file.stat().st_size / 1000, other.stat().st_size / 1000
+    fps = {name: count / median(values) for name, values in taken.items()}
+    ratios = {
+        "bitstream to RGB, fps": ("", Ratio.of(taken["ours"], taken["theirs"])),
+        "  the same, one thread": (
+            "_one_thread",
+            Ratio.of(taken["ours_one_thread"], taken["theirs_one_thread"]),
+        ),
+    }
     print(machine())
-    print(f"{count} frames of {frames[0].shape[1]}x{frames[0].shape[0]}, {threads} threads")
-    print(f"{'':28}{'gsvr':>10}{'x264':>10}{'ratio':>8}")
-    for name, own, other_value in (
-        ("PSNR, dB", quality, reached),
-        ("kB", *sizes),
-        ("bitstream to RGB, fps", ours, theirs),
-        ("  the same, one thread", ours_one, theirs_one),
-    ):
-        print(f"{name:28}{own:10.5g}{other_value:10.5g}{own / other_value:8.2f}")
-    print(f"{'render only, fps':28}{rendered:10.5g}")
-    print(f"{'file to mp4, fps':28}{to_mp4:10.5g}")
-    print(f"{'threads over one thread':28}{ours / ours_one:10.2f}{theirs / theirs_one:10.2f}")
+    print(f"{file.name}: {count} frames of {size[0]}x{size[1]}, {threads} threads")
+    print(f"{'':28}{'gsvr':>10}{'x264':>10}{'ratio':>8}   of {repeats} rounds")
+    for name, ours, theirs in (("PSNR, dB", quality, other.psnr), ("bpp", own.bpp, other.bpp)):
+        print(f"{name:28}{ours:10.5g}{theirs:10.5g}{ours / theirs:8.2f}")
+    for name, (ending, ratio) in ratios.items():
+        print(
+            f"{name:28}{fps[f'ours{ending}']:10.5g}{fps[f'theirs{ending}']:10.5g}"
+            f"{ratio.median:8.2f}   {ratio.least:.2f} to {ratio.greatest:.2f}"
+        )
+    print(f"{'render only, fps':28}{fps['render_only']:10.5g}")
+    print(f"{'file to mp4, fps':28}{fps['to_mp4']:10.5g}")
+    own_gain, other_gain = (fps[name] / fps[f"{name}_one_thread"] for name in ("ours", "theirs"))
+    print(f"{'threads over one thread':28}{own_gain:10.2f}{other_gain:10.2f}")
+    if output is not None:
+        document = {
+            "machine": machine(),
+            "commit": commit(),
+            "load": os.getloadavg()[0],
+            "command": command("tests.benchmarks.decode"),
+            "source": source.name,
+            "file": file.name,
+            "size": size,
+            "frames": count,
+            "bpp": own.bpp,
+            "psnr": quality,
+            "threads": threads,
+            "x264": {"crf": other.crf, "bpp": other.bpp, "psnr": other.psnr},
+            "fps": fps,
+            "ratios": {name.strip(): asdict(ratio) for name, (_, ratio) in ratios.items()},
+            "seconds": taken,
+        }
+        output.write_text(json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":
