@@ -1,10 +1,12 @@
 """The tables of Bunny for any clips: `python -m tests.benchmarks.clips CLIP... [--table NAME]`.
 
-Prints a line as soon as it is known; `--json` keeps all, without the directories of the clips.
+Prints a line as soon as it is known; `--json` keeps all, without the directories of the clips. The
+table "equal-bits" takes the first 96 frames at the bits of x264 with a key frame every 12.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -19,8 +21,8 @@ import click
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.report.reference import parse_reference
 from gsvrcodec.report.study import Study, study
-from gsvrcodec.video import open_video
-from tests.benchmarks import bunny
+from gsvrcodec.video import Crop, open_video
+from tests.benchmarks import bunny, equal_bits
 from tests.benchmarks.encodes import HEADING, Row, document, measure, save, show
 from tests.benchmarks.machine import machine
 
@@ -40,8 +42,13 @@ TABLES: Mapping[str, list[dict[str, Any]]] = {
     "recipe": [{"preset": "fast", "bpp": 0.1}],
     "rate": [{"time_budget": 2.0, "bpp": bpp} for bpp in (0.04, 0.1, 0.25, 0.5)],
 }
-#: What the table "rate" is compared with.
-AGAINST = ("x264:key=12", "x264:intra", "x265", "svtav1")
+#: The table whose settings depend on the clip.
+EQUAL_BITS = "equal-bits"
+#: What tables are compared with.
+AGAINST: Mapping[str, tuple[str, ...]] = {
+    "rate": ("x264:key=12", "x264:intra", "x265", "svtav1"),
+    EQUAL_BITS: equal_bits.AGAINST,
+}
 
 #: A GOP so much below the other seeds' has diverged, dB.
 _FALL = 3.0
@@ -49,30 +56,39 @@ _FALL = 3.0
 
 @click.command()
 @click.argument("clips", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
-@click.option("--table", "tables", multiple=True, type=click.Choice(list(TABLES)))
+@click.option("--table", "tables", multiple=True, type=click.Choice([*TABLES, EQUAL_BITS]))
 @click.option("--frames", type=click.IntRange(min=2), help="The first ones of each only.")
 @click.option("--preset", help="Instead of all times, to try it out.")
+@click.option("--set", "more", multiple=True, help="NAME=VALUE of all encodes, the value as JSON.")
+@click.option("--keep", type=click.Path(path_type=Path), help="Directory for the .gsvr files.")
 @click.option("--json", "output", type=click.Path(path_type=Path), help="Write the rows here.")
 def main(
     clips: tuple[Path, ...],
     tables: tuple[str, ...],
     frames: int | None,
     preset: str | None,
+    more: tuple[str, ...],
+    keep: Path | None,
     output: Path | None,
 ) -> None:
     """Measure CLIPS by the tables named, or by all of them."""
+    added = dict(map(setting, more))
     print(machine())
     print(HEADING)
     rows: list[Row] = []
     refused: list[str] = []
     studies: dict[str, Study] = {}
     with tempfile.TemporaryDirectory() as temporary:
-        for table in tables or TABLES:
+        folder = keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        for table in tables or (*TABLES, EQUAL_BITS):
             for clip in clips:
                 files = []
-                for number, settings in enumerate(TABLES[table]):
-                    path = Path(temporary) / f"{clip.stem}-{number}.gsvr"
-                    common, chosen = _settings(clip, frames, settings, preset)
+                for number, settings in enumerate(_table(table, clip, frames)):
+                    path = folder / f"{table}-{clip.stem}-{number}.gsvr"
+                    count = frames or (equal_bits.FRAMES if table == EQUAL_BITS else None)
+                    common, chosen = _settings(clip, count, settings, preset)
+                    common |= added
                     try:
                         row = measure(table, clip, path, chosen, common)
                     except GsvrError as error:
@@ -82,13 +98,37 @@ def main(
                     rows.append(row)
                     files.append(path)
                     show(row, _name(row))
-                if table == "rate" and files:
-                    references = [parse_reference(name) for name in AGAINST]
-                    studies[clip.name] = study(clip, files, references)
-                    print(*_bd_lines(studies[clip.name]), sep="\n", flush=True)
+                    if output is not None:
+                        save(output, _document(added, rows, refused, studies))
+                if table in AGAINST and files:
+                    references = [parse_reference(name) for name in AGAINST[table]]
+                    found = study(clip, files, references)
+                    studies[clip.name if table == "rate" else f"{clip.name}, {table}"] = found
+                    print(*_bd_lines(found), sep="\n", flush=True)
+                    print(*equal_bits.lines(equal_bits.figures(found)), sep="\n", flush=True)
                 if output is not None:
-                    save(output, _document(rows, refused, studies))
+                    save(output, _document(added, rows, refused, studies))
     print(*summary(rows), sep="\n")
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Parse NAME=VALUE; a value that is no JSON is taken as text."""
+    name, _, value = text.partition("=")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value
+
+
+def _table(table: str, clip: Path, frames: int | None) -> list[dict[str, Any]]:
+    """Return the settings of each row."""
+    if table == EQUAL_BITS:
+        return equal_bits.settings(clip, _crop(clip), frames or equal_bits.FRAMES)
+    return TABLES[table]
+
+
+def _crop(clip: Path) -> Crop | None:
+    return bunny.CROP if clip.name == bunny.SOURCE.name else None
 
 
 def _settings(
@@ -96,8 +136,8 @@ def _settings(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What all rows of a clip share, and what this one has of its own."""
     common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
-    if clip.name == bunny.SOURCE.name:
-        common["crop"] = bunny.CROP
+    if (crop := _crop(clip)) is not None:
+        common["crop"] = crop
     if "bpp" not in settings:
         common["params"] = _params(clip, frames)
     if preset is not None:
@@ -105,11 +145,14 @@ def _settings(
     return common, settings
 
 
-def _document(rows: list[Row], refused: list[str], studies: dict[str, Study]) -> dict[str, Any]:
+def _document(
+    added: dict[str, Any], rows: list[Row], refused: list[str], studies: dict[str, Study]
+) -> dict[str, Any]:
     """What is kept of all that was measured so far."""
-    content = document("tests.benchmarks.clips", {"params_per_frame": PARAMS}, rows)
+    content = document("tests.benchmarks.clips", {"params_per_frame": PARAMS} | added, rows)
     return content | {
         "against": {name: _curves(found) for name, found in studies.items()},
+        "at_equal_bits": {name: equal_bits.figures(found) for name, found in studies.items()},
         "refused": refused,
         "summary": list(summary(rows)),
     }
@@ -130,19 +173,23 @@ def _name(row: Row) -> str:
 
 def _bd_lines(found: Study) -> Iterator[str]:
     for curve in found.curves:
-        bd_rate = found.bd_rate(curve)
-        text = "no PSNR in common"
-        if bd_rate is not None:
-            text = f"{bd_rate.percent:+.0f} % from {bd_rate.low:.1f} to {bd_rate.high:.1f} dB"
-        yield f"  BD-rate against {curve.label}: {text}"
+        by_psnr = equal_bits.bd_text(found.bd_rate(curve))
+        by_ms_ssim = equal_bits.bd_text(found.bd_rate_ms_ssim(curve))
+        yield f"  BD-rate against {curve.label}: {by_psnr}; by MS-SSIM {by_ms_ssim}"
 
 
 def _curves(found: Study) -> list[dict[str, Any]]:
     """The references of a clip, and the BD-rate against each."""
     result = []
     for curve in found.curves:
-        bd_rate = found.bd_rate(curve)
-        result.append(asdict(curve) | {"bd_rate": bd_rate and asdict(bd_rate)})
+        by_psnr, by_ms_ssim = found.bd_rate(curve), found.bd_rate_ms_ssim(curve)
+        result.append(
+            asdict(curve)
+            | {
+                "bd_rate": by_psnr and asdict(by_psnr),
+                "bd_rate_ms_ssim": by_ms_ssim and asdict(by_ms_ssim),
+            }
+        )
     return result
 
 

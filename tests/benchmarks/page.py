@@ -242,25 +242,52 @@ def clips_section(results: dict[str, Json]) -> Iterator[str]:
             ),
         )
         if result["against"]:
+            curves = [(c, curve) for c, found in result["against"].items() for curve in found]
+            both = any("bd_rate_ms_ssim" in curve for _, curve in curves)
             yield from table(
-                ["clip", "BD-rate against", "bits", "over"],
-                (
-                    _clip_bd(clip, curve)
-                    for clip, found in result["against"].items()
-                    for curve in found
-                ),
+                [
+                    *("clip", "BD-rate against", "bits", "over"),
+                    *(("bits by MS-SSIM", "over") if both else ()),
+                ],
+                (_clip_bd(clip, curve, both) for clip, curve in curves),
             )
+        for clip, rows in result.get("at_equal_bits", {}).items():
+            yield from _equal_bits(clip, rows)
         yield from (f"* {line}" for line in (*result["summary"], *result["refused"]))
         yield f"* {_origin(name, result)}"
         yield ""
 
 
-def _clip_bd(clip: str, curve: Json) -> list[str]:
-    bd_rate = curve["bd_rate"]
-    if bd_rate is None:
-        return [clip, curve["label"], "-", "no PSNR in common"]
-    span = f"{bd_rate['low']:.1f} to {bd_rate['high']:.1f} dB"
-    return [clip, curve["label"], f"{bd_rate['percent']:+.0f} %", span]
+def _clip_bd(clip: str, curve: Json, both: bool) -> list[str]:
+    cells = [clip, curve["label"]]
+    for key, quality in (("bd_rate", "PSNR"), ("bd_rate_ms_ssim", "MS-SSIM"))[: 1 + both]:
+        bd_rate = curve.get(key)
+        if bd_rate is None:
+            cells += ["-", f"no {quality} in common"]
+        else:
+            span = f"{bd_rate['low']:.1f} to {bd_rate['high']:.1f} dB"
+            cells += [f"{bd_rate['percent']:+.0f} %", span]
+    return cells
+
+
+def _equal_bits(clip: str, rows: list[Json]) -> Iterator[str]:
+    """Yield PSNR and MS-SSIM of ours and of the others at the same bits."""
+    labels = list(rows[0]["others"])
+    yield f"{clip}: PSNR and MS-SSIM (-10 log10(1 - MS-SSIM)) at equal bits, dB."
+    yield ""
+    yield from table(
+        ["bpp", "ours", *labels],
+        (
+            [
+                number(row["bpp"], 4),
+                *(
+                    f"{number(one['psnr'], 2)}, {number(one['ms_ssim_db'], 2)}"
+                    for one in (row, *(row["others"][label] for label in labels))
+                ),
+            ]
+            for row in rows
+        ),
+    )
 
 
 def page(results: dict[str, Json]) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ from tests import making
 from tests.benchmarks.clips import diverged, summary
 from tests.benchmarks.encodes import MemoryWatch, Row, measure
 from tests.benchmarks.interpolation import interpolate
-from tests.benchmarks.page import PAGE, RESULTS, page
+from tests.benchmarks.page import PAGE, RESULTS, clips_section, page
 from tests.benchmarks.results_read import load
 
 ROW = Row(
@@ -113,6 +116,35 @@ class TestInterpolation:
         ]
         assert found.test_frames == pytest.approx(expected)
         assert found.test == pytest.approx(fmean(expected))
+
+
+class TestClipsPage:
+    """The section of other clips."""
+
+    CURVE = MappingProxyType(
+        {
+            "label": "x264 medium",
+            "bd_rate": {"percent": -12.3, "low": 30.0, "high": 39.0},
+        }
+    )
+
+    def lines(self, curve: Mapping[str, Any], **more: Any) -> list[str]:
+        result = {"rows": [], "machine": "none", "summary": [], "refused": []}
+        return list(clips_section({"clips-x": result | {"against": {"a.mp4": [curve]}} | more}))
+
+    def test_bd_rates_by_both_metrics(self) -> None:
+        lines = self.lines({**self.CURVE, "bd_rate_ms_ssim": None})
+        row = "| a.mp4 | x264 medium | -12 % | 30.0 to 39.0 dB | - | no MS-SSIM in common |"
+        assert row in lines
+
+    def test_older_results_have_one(self) -> None:
+        assert "| a.mp4 | x264 medium | -12 % | 30.0 to 39.0 dB |" in self.lines(self.CURVE)
+
+    def test_qualities_at_equal_bits(self) -> None:
+        other = {"psnr": 33.0, "ms_ssim_db": None}
+        row = {"bpp": 0.05, "psnr": 34.0, "ms_ssim_db": 12.5, "others": {"x264 medium": other}}
+        lines = self.lines(self.CURVE, at_equal_bits={"a.mp4": [row]})
+        assert "| 0.0500 | 34.00, 12.50 | 33.00, - |" in lines
 
 
 class TestPage:
