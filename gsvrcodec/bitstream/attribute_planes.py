@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -14,7 +14,10 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import GopShape, GridKind
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.quantise import Precision, component, quantiser_of
-from gsvrcodec.planes import Codec, PlaneStack, decode_plane, encode_plane
+from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
+
+#: What is remembered of the planes of a GOP, by attribute and component.
+Memories = defaultdict[tuple[str, int], Memory]
 
 
 def pack_planes(
@@ -22,6 +25,7 @@ def pack_planes(
     shape: GopShape,
     precision: Precision,
     codecs: Collection[Codec],
+    memories: Memories | None = None,
 ) -> tuple[int, bytes]:
     """Quantise the values of attributes and code them as planes.
 
@@ -30,6 +34,7 @@ def pack_planes(
         shape: Counts of Gaussians and size of the tri-plane, which set the plane sizes.
         precision: Bits of each attribute, or quantiser steps of its components.
         codecs: Plane codecs to choose from.
+        memories: Of similar planes that were packed before, for a quick choice; None = the best.
 
     Returns:
         Number of planes, and the bytes of plane table and planes.
@@ -47,7 +52,8 @@ def pack_planes(
         samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
         codes = quantiser.quantise(samples).reshape(height, width)
         stack = stacks[attribute.grid]
-        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.prior)
+        memory = None if memories is None else memories[attribute.name, part]
+        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.prior, memory)
         stack.append(codes)
         entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
         table.append(entry.to_bytes())

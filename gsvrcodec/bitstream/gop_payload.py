@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.attribute_planes import pack_planes, unpack_planes
+from gsvrcodec.bitstream.attribute_planes import Memories, pack_planes, unpack_planes
 from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
@@ -58,7 +58,7 @@ class GopContent:
                 f"the reference has {len(reference)} Gaussians, "
                 f"the GOP expects {len(self.carried.mode)}"
             )
-        return carry_over(reference, frames, self.carried, self.new)
+        return carry_over(reference, (frames, len(self.pts)), self.carried, self.new)
 
 
 def pack_gop(
@@ -71,6 +71,7 @@ def pack_gop(
     *,
     reference: int = 0,
     carried: Carried | None = None,
+    memories: Memories | None = None,
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
@@ -83,6 +84,7 @@ def pack_gop(
         codecs: Plane codecs to choose from.
         reference: Frames from the first frame of the reference to that of the GOP; 0 = key GOP.
         carried: How the Gaussians of the reference go on; None = key GOP.
+        memories: Of planes of the same GOP at other steps, for a quick choice; None = the best.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent;
@@ -109,7 +111,7 @@ def pack_gop(
             )
     from_reference = 0 if carried is None else len(carried.mode)
     shape = GopShape(len(gop), grid_size(gop), from_reference, changed, moved)
-    planes, data = pack_planes(values, shape, precision, codecs)
+    planes, data = pack_planes(values, shape, precision, codecs, memories)
     head = GopHead(
         first_frame=first_frame,
         frames=len(pts),

@@ -108,10 +108,7 @@ class _State:
             return
         content = unpack_gop(result.payload, _ANY, Limits())
         before = self.reference
-        if before is None:
-            whole = content.gop(None, 0)
-        else:
-            whole = content.gop(before.gop, before.frames)
+        whole = content.gop(before.gop, before.frames) if before else content.gop(None, 0)
         self.reference = Reference(whole, gop.start, len(gop), result.qscale)
 
     def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
 from gsvrcodec.encoder.carried import carried_of, new_of
@@ -21,10 +23,10 @@ from gsvrcodec.fit.quantised import as_published, quantisable
 from gsvrcodec.fit.rate_control import fit_to_psnr, quantise_to_psnr, quantise_to_size
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
 from gsvrcodec.model.gop import Gop, GridSize
-from gsvrcodec.model.prediction import look_after
+from gsvrcodec.model.prediction import last_look
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.time import Ticks, normalised_time
-from gsvrcodec.planes import PACKS
+from gsvrcodec.planes import PACKS, Memory
 from gsvrcodec.render import backend_on
 from gsvrcodec.render.device import choose_device
 
@@ -104,17 +106,27 @@ def encode_gop(job: GopJob) -> EncodedGop:
         """Fit so many Gaussians with a share of the job's effort."""
         seconds = None
         if job.seconds is not None:
-            seconds = share * EFFORT.fitting_share * job.seconds - (time.perf_counter() - began)
+            packing = EFFORT.packing_seconds * gaussians
+            packing = min(packing, EFFORT.packing_share * job.seconds)
+            seconds = share * (job.seconds - packing) - (time.perf_counter() - began)
         effort = Allowance(share * job.steps, seconds)
         if reference is None:
             return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
-        look = look_after(reference.gop, reference.frames)
-        start = predicted.Reference(look, reference.qscale)
+        last = np.array([1.0 if reference.frames > 1 else 0.0], np.float32)
+        shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
+        look = last_look(reference.gop, reference.frames)
+        start = predicted.Reference(look, shown, reference.qscale)
         return fit_predicted(
             footage, start, gaussians, job.grid, options, effort, backend, seed=job.seed
         )
 
-    def pack(fitted: Fit, gop: Gop, precision: Precision, codecs: str) -> bytes:
+    def pack(
+        fitted: Fit,
+        gop: Gop,
+        precision: Precision,
+        codecs: str,
+        memories: Memories | None = None,
+    ) -> bytes:
         """Return the payload of the GOP chunk."""
         return pack_gop(
             new_of(fitted, gop),
@@ -125,12 +137,16 @@ def encode_gop(job: GopJob) -> EncodedGop:
             PACKS[codecs],
             reference=0 if reference is None else job.first_frame - reference.first_frame,
             carried=carried_of(fitted, gop, precision),
+            memories=memories,
         )
 
+    memories: Memories = defaultdict(Memory)
+
     def size(gop: Gop, precision: Precision, exact: bool) -> int:
-        """Return the bytes of the payload; not `exact` = without the slow codecs."""
+        """Return the bytes of the payload; not `exact` = by a quick choice of codecs."""
         quick = settings.pack == "auto" and not exact
-        return len(pack(fitted, gop, precision, "entropy" if quick else settings.pack))
+        codecs = "entropy" if quick else settings.pack
+        return len(pack(fitted, gop, precision, codecs, None if exact else memories))
 
     if budget.target_psnr is None or reference is not None:
         fitted = fit(budget.gaussians)

@@ -19,10 +19,11 @@ LOOK = ("position", "log_scale", "rotation", "colour")
 class Anchor:
     """What N stored Gaussians are relative to; new ones are relative to nothing.
 
-    A carried Gaussian stores the change of its look at tau = -1; its canonical position follows
-    from that and its motion (spec section "Prediction").
+    A carried Gaussian stores the change of its look at the time `start`; its canonical position
+    follows from that and its motion (spec section "Prediction").
     """
 
+    start: float  #: when carried Gaussians begin to move, in units of tau
     look: Look  #: (N, ...), zeros where new
     source: NDArray[np.intp]  #: (N,) number of the Gaussian in the reference; -1 = new
 
@@ -33,17 +34,22 @@ class Anchor:
 
     def gop(self, stored: Gop) -> Gop:
         """Return the Gaussians that stored values stand for."""
-        there = self.carried[:, None]
         values = {name: getattr(stored, name) + getattr(self.look, name) for name in LOOK}
-        values["position"] = values["position"] + there * (stored.linear - stored.quadratic)
+        values["position"] = values["position"] - self._way(stored)
         return replace(stored, **values)
 
     def stored(self, gop: Gop) -> Gop:
         """Return the stored values of Gaussians."""
-        there = self.carried[:, None]
-        values = {name: getattr(gop, name) - getattr(self.look, name) for name in LOOK}
-        values["position"] = values["position"] - there * (gop.linear - gop.quadratic)
-        return replace(gop, **values)
+        values = {
+            **{name: getattr(gop, name) for name in LOOK},
+            "position": gop.position + self._way(gop),
+        }
+        return replace(gop, **{name: v - getattr(self.look, name) for name, v in values.items()})
+
+    def _way(self, gop: Gop) -> Float32Array:
+        """Motion at the time `start`, (N, 2); zeros where new."""
+        way = np.float32(self.start) * gop.linear + np.float32(self.start**2) * gop.quadratic
+        return np.asarray(self.carried[:, None] * way, np.float32)
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order."""
@@ -57,7 +63,7 @@ class Anchor:
 
     def copy(self) -> Anchor:
         """Return an anchor of its own arrays."""
-        return Anchor(self.look[np.arange(len(self.source))], self.source.copy())
+        return Anchor(self.start, self.look[np.arange(len(self.source))], self.source.copy())
 
     def tensors(self, device: str) -> dict[str, torch.Tensor]:
         """The look on a device, and "carried", 1 or 0, (N, 1)."""

@@ -83,8 +83,10 @@ class Field:
         if self._anchored is not None:
             for name in LOOK:
                 out[name] = out[name] + self._anchored[name]
-            motion = out["linear"] - out["quadratic"]
-            out["position"] = out["position"] + self._anchored["carried"] * motion
+            assert self.anchor is not None
+            start = self.anchor.start
+            way = start * out["linear"] + start**2 * out["quadratic"]
+            out["position"] = out["position"] - self._anchored["carried"] * way
         return {name: out[name] for name in NAMES}
 
     @property

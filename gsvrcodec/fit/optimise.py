@@ -140,8 +140,7 @@ def optimise(
         quantise_from: fraction of the effort after which `quantise` is applied.
     """
     size, frames = footage.size, footage.frames
-    large = min(size) >= recipe.coarse_min_side
-    small = _half(frames) if recipe.coarse and large else frames
+    small = coarse_frames(frames, recipe)
     shown = small
     targets, backdrop = targets_of(field, shown, size)
     reorder(field, size)
@@ -179,7 +178,10 @@ def targets_of(
     return field.backend.upload(frames), field.backdrop(size, coded_size)
 
 
-def _half(frames: Frames) -> Frames:
+def coarse_frames(frames: Frames, recipe: Recipe) -> Frames:
+    """Frames of half the size for the coarse stage; small frames as they are."""
     height, width = frames.shape[1:3]
+    if not recipe.coarse or min(height, width) < recipe.coarse_min_side:
+        return frames
     size = (width // 2, height // 2)
     return np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames])

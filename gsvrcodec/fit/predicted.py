@@ -14,7 +14,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.motion import Tracker
-from gsvrcodec.fit.optimise import Effort, optimise
+from gsvrcodec.fit.optimise import Effort, coarse_frames, optimise
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
 from gsvrcodec.fit.price import Price
@@ -24,7 +24,7 @@ from gsvrcodec.fit.sensitivity import noise, sensitivities
 from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
-from gsvrcodec.model.prediction import Look
+from gsvrcodec.model.prediction import Look, start_of_motion
 from gsvrcodec.model.static import select_gaussians, static_gop
 from gsvrcodec.render.backend import Backend
 
@@ -33,7 +33,8 @@ from gsvrcodec.render.backend import Backend
 class Reference:
     """What a predicted fit starts from."""
 
-    look: Look  #: (M, ...) the Gaussians as the reference leaves them
+    look: Look  #: (M, ...) the Gaussians as in the last frame of the reference
+    picture: NDArray[np.uint8]  #: (H, W, 3) that frame, decoded
     qscale: float  #: that the GOP may be stored at; sets what a change costs
 
 
@@ -76,13 +77,15 @@ def fit_predicted(
         strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
         drop = min(-extra, max(0, len(carried) - 1))
         carried = np.sort(carried[np.argsort(-strength, kind="stable")[: len(carried) - drop]])
-    anchor = Anchor(reference.look[carried], carried)
-    start = _start(footage, anchor, grid, options, rng)
+    start = start_of_motion(len(footage.frames))
+    anchor = Anchor(start, reference.look[carried], carried)
+    begin = _start(footage, anchor, reference.picture, grid, options, rng)
     if extra > 0 or not len(carried):
-        start, anchor = _with_new(start, anchor, max(extra, 1))
-    field = Field(start, options.deform, backend, footage.background, anchor)
-    fresh = max(extra, int(PREDICTION.renewed_first * len(start.position)))
-    move_weakest(field, footage.frames, footage.taus, footage.size, rng, fresh)
+        begin, anchor = _with_new(begin, anchor, max(extra, 1))
+    field = Field(begin, options.deform, backend, footage.background, anchor)
+    fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
+    small = coarse_frames(footage.frames, PREDICTED)
+    move_weakest(field, small, footage.taus, footage.size, rng, fresh)
 
     tuning_share = STAGED.effort if options.tune else 0.0
     main_seconds = tuning_seconds = None
@@ -162,6 +165,7 @@ def _values(look: Look) -> tuple[Float32Array, ...]:
 def _start(
     footage: Footage,
     anchor: Anchor,
+    before: NDArray[np.uint8],
     grid: GridSize,
     options: FitOptions,
     rng: np.random.Generator,
@@ -170,9 +174,10 @@ def _start(
     count, look = len(anchor.source), anchor.look
     linear, quadratic = np.zeros((2, count, 2), np.float32)
     if count and options.deform != "triplane" and len(footage.frames) > 1:
-        tracker = Tracker(footage.frames, flow_estimator(options.flow))
+        tracker = Tracker([before, *footage.frames], flow_estimator(options.flow))
         inside = np.clip((look.position + 1) / 2, 0, 1 - 1e-6).astype(np.float32)
-        linear, quadratic = tracker.motion(footage.taus, 0, inside)
+        taus = np.concatenate([np.array([anchor.start], np.float32), footage.taus])
+        linear, quadratic = tracker.motion(taus, 0, inside)
     xy, xt, yt = tri_plane(grid, rng)
     return Gop(
         **{name: np.zeros_like(getattr(look, name)) for name in LOOK},
@@ -203,6 +208,6 @@ def _with_new(start: Gop, anchor: Anchor, count: int) -> tuple[Gop, Anchor]:
         )
         look = Look(*(getattr(start, name).copy() for name in LOOK))
         source = np.full(count, -1)
-    out = Anchor(look, source)
+    out = Anchor(anchor.start, look, source)
     out.release(np.arange(had, had + count))
     return replace(start, colour=start.colour * (np.arange(had + count) < had)[:, None]), out

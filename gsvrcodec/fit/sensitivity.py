@@ -49,7 +49,9 @@ def sensitivities(
         if anchor is not None:
             there = anchor.carried[:, None] * gradient.position
             gradient = replace(
-                gradient, linear=gradient.linear + there, quadratic=gradient.quadratic - there
+                gradient,
+                linear=gradient.linear - np.float32(anchor.start) * there,
+                quadratic=gradient.quadratic - np.float32(anchor.start**2) * there,
             )
         for name, sums in total.items():
             sums += scale * np.square(getattr(gradient, name))

@@ -31,8 +31,9 @@ class _Effort:
     #: visits of a background's one picture, for each visit that a frame gets; and its least steps
     background_visits: int = 16
     least_background_steps: int = 200
-    #: fraction of a wall-time budget for start, fit and tuning; packing takes the rest
-    fitting_share: float = 0.92
+    #: wall time that packing takes from a budget: seconds for each Gaussian, at most a fraction
+    packing_seconds: float = 70e-6
+    packing_share: float = 0.4
     qat_from: float = 0.9  #: fraction of the effort after which `paper` fits quantised values
     measured_frames: int = 8  #: frames rendered together to measure a PSNR
 

@@ -1,7 +1,7 @@
 """Prediction: a GOP takes Gaussians over from an earlier one (spec section "Prediction").
 
-The earlier GOP is the reference. Each of its Gaussians goes on from where and as it was drawn at
-the end of the reference, and one frame farther along its way.
+The earlier GOP is the reference. Each of its Gaussians goes on from where and as it is drawn in the
+last frame of the reference.
 """
 
 from __future__ import annotations
@@ -68,20 +68,19 @@ class Look:
         )
 
 
-def look_at(gop: Gop, tau: float, ahead: float = 0.0) -> Look:
+def look_at(gop: Gop, tau: float) -> Look:
     """Return the Gaussians as drawn at a time.
 
     Args:
         gop: N Gaussians and their deformation.
         tau: Normalised time, -1 to 1.
-        ahead: How much farther the Gaussians go in a straight line, in units of tau.
 
     Returns:
         New arrays, which share no memory with `gop`.
     """
     position = gop.position.astype(np.float64)
-    position += (tau + ahead) * gop.linear.astype(np.float64)
-    position += (tau * tau + 2 * tau * ahead) * gop.quadratic.astype(np.float64)
+    position += tau * gop.linear.astype(np.float64)
+    position += tau * tau * gop.quadratic.astype(np.float64)
     log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
     if gop.xy.size:
         bent = np.flatnonzero(gop.indicator != 1)
@@ -106,22 +105,20 @@ def first_look(gop: Gop, frames: int) -> Look:
     return look_at(gop, -1.0 if frames > 1 else 0.0)
 
 
-def look_after(reference: Gop, frames: int) -> Look:
-    """Return the Gaussians of a reference of so many frames, one mean frame after its last.
+def start_of_motion(frames: int) -> float:
+    """Return the time at which carried Gaussians of a GOP of so many frames begin to move.
 
-    Its Gaussians go on in a straight line; those of a single frame stay.
+    That is one mean frame before its first frame, when the last frame of the reference is shown.
     """
-    if frames < 2:
-        return look_at(reference, 0.0)
-    return look_at(reference, 1.0, 2 / (frames - 1))
+    return -1 - 2 / (frames - 1) if frames > 1 else -1.0
 
 
-def carry_over(reference: Gop, frames: int, carried: Carried, new: Gop) -> Gop:
+def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: Gop) -> Gop:
     """Return a predicted GOP.
 
     Args:
         reference: The GOP that it is predicted from; M Gaussians.
-        frames: Frames of the reference.
+        frames: Frames of the reference, and of the GOP.
         carried: How its Gaussians go on.
         new: The GOP's other Gaussians, and its tri-plane.
 
@@ -130,15 +127,17 @@ def carry_over(reference: Gop, frames: int, carried: Carried, new: Gop) -> Gop:
         value within the bounds of its attribute.
     """
     mode = carried.mode
-    look = look_after(reference, frames)
+    look = last_look(reference, frames[0])
     changed = np.flatnonzero(mode & CHANGED)
     moved = np.flatnonzero(mode & MOVED)
     values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
     for name, value in values.items():
         value[changed] += getattr(carried, name)
         _clip(name, value)
-    # At tau = -1 a Gaussian is where the reference was heading, plus the change.
-    values["position"][moved] += carried.linear - carried.quadratic
+    # The motion begins where the reference ends, plus the change.
+    start = start_of_motion(frames[1])
+    way = start * carried.linear.astype(np.float64) + start**2 * carried.quadratic
+    values["position"][moved] = values["position"][moved] - way
     _clip("position", values["position"])
     count = len(mode)
     values["indicator"] = np.ones(count, np.float32)

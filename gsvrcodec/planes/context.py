@@ -5,12 +5,14 @@ The native module predicts and codes; this module chooses predictor, contexts an
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
-from gsvrcodec.planes.prediction import predictors
+from gsvrcodec.planes.prediction import Predictor, adapted, predictors
 from gsvrcodec.planes.prior import PriorPlanes
 from gsvrcodec.planes.samples import PlaneShape, Samples
 
@@ -26,30 +28,61 @@ _TRIAL = (3, 1), 3
 _QUANTILE_SAMPLES = 4096
 
 
-def encode(samples: Samples, shape: PlaneShape, prior: PriorPlanes) -> bytes:
-    """Code a plane; predictor, number of contexts and token division are chosen in turn."""
+@dataclass(slots=True)
+class Memory:
+    """How the last plane was coded with this memory; None = none yet."""
+
+    choice: tuple[Predictor, tuple[int, int], int] | None = None  #: and division, and contexts
+
+
+def encode(
+    samples: Samples, shape: PlaneShape, prior: PriorPlanes, memory: Memory | None = None
+) -> bytes:
+    """Code a plane; predictor, number of contexts and token division are chosen in turn.
+
+    With a memory of a similar plane its choices are taken, which is ten times as quick.
+    """
     errors = np.empty(samples.shape, np.int32)
     around = np.empty(samples.shape, np.uint32)
 
-    def predict(predictor: _entropy.Predictor) -> NDArray[np.uint32]:
+    def predict(predictor: Predictor) -> NDArray[np.uint32]:
         """Fill `errors` and `around`; return a sorted subset of `around`."""
         _entropy.predict(
-            samples, shape.bits, prior.planes, prior.columns, predictor, errors, around
+            samples,
+            shape.bits,
+            prior.planes,
+            prior.columns,
+            _entropy.Predictor(*predictor),
+            errors,
+            around,
         )
         return np.sort(around.ravel()[:: -(-around.size // _QUANTILE_SAMPLES)])
 
     def cost(coding: _entropy.Coding) -> float:
         return _entropy.measure(errors, around, coding)
 
-    predictor = min(
-        predictors(samples, shape.bits, prior),
-        key=lambda predictor: cost(_coding(*_TRIAL, predict(predictor))),
-    )
-    ordered = predict(predictor)
-    contexts = min(_CONTEXTS, key=lambda count: cost(_coding(_DIVISIONS[0], count, ordered)))
-    coding = min((_coding(part, contexts, ordered) for part in _DIVISIONS), key=cost)
+    if memory is not None and memory.choice is not None:
+        predictor, division, contexts = memory.choice
+        predictor = adapted(predictor, samples, prior)
+        coding = _coding(division, contexts, predict(predictor))
+    else:
+        predictor = min(
+            predictors(samples, shape.bits, prior),
+            key=lambda predictor: cost(_coding(*_TRIAL, predict(predictor))),
+        )
+        ordered = predict(predictor)
+        contexts = min(_CONTEXTS, key=lambda count: cost(_coding(_DIVISIONS[0], count, ordered)))
+        division = min(_DIVISIONS, key=lambda part: cost(_coding(part, contexts, ordered)))
+        coding = _coding(division, contexts, ordered)
+    if memory is not None:
+        memory.choice = predictor, division, contexts
     return _entropy.encode_context(
-        samples, shape.bits, prior.planes, prior.columns, predictor, coding
+        samples,
+        shape.bits,
+        prior.planes,
+        prior.columns,
+        _entropy.Predictor(*predictor),
+        coding,
     )
 
 

@@ -6,11 +6,11 @@ None of this is normative: a decoder reads the weights from the plane.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.native._entropy import Predictor
 from gsvrcodec.planes.prior import PriorPlanes
 from gsvrcodec.planes.samples import Samples
 
@@ -23,8 +23,17 @@ _MAX_WEIGHT_SUM = 1 << 12
 _MAX_BIAS = (1 << 29) - 1
 _MAX_TERMS = 15
 #: Most samples of a fit, and iterations of its reweighting.
-_FIT_SAMPLES = 4096
-_FIT_ROUNDS = 6
+_FIT_SAMPLES = 2048
+_FIT_ROUNDS = 3
+
+
+class Predictor(NamedTuple):
+    """The fields of `_entropy.Predictor`, in its order."""
+
+    terms: tuple[tuple[int, int], ...]  #: numbers and weights of prior planes
+    bias: int
+    guided: bool  #: the neighbour above is the one that the first plane chooses
+    weights: tuple[int, ...]  #: of the neighbours
 
 
 def predictors(samples: Samples, bits: int, prior: PriorPlanes) -> Iterator[Predictor]:
@@ -52,6 +61,18 @@ def predictors(samples: Samples, bits: int, prior: PriorPlanes) -> Iterator[Pred
         if terms:
             yield Predictor(terms, whole[-1], False, nothing)
         yield Predictor(terms, whole[-1], guided, weights)
+
+
+def adapted(predictor: Predictor, samples: Samples, prior: PriorPlanes) -> Predictor:
+    """A predictor of a plane like this one, with the bias that suits this plane."""
+    chosen = np.linspace(0, samples.size - 1, min(samples.size, _FIT_SAMPLES)).astype(np.intp)
+    rest = samples.flat[chosen].astype(np.float64)
+    planes = prior.planes.reshape(len(prior.planes), samples.size)
+    for plane, weight in predictor.terms:
+        rest -= planes[plane, chosen] * (weight / _PLANE_UNIT)
+    bias = _fixed(float(np.median(rest)), _PLANE_UNIT)
+    bias = max(-_MAX_BIAS, min(_MAX_BIAS, bias))
+    return predictor._replace(bias=bias)
 
 
 def _term_choices(count: int) -> list[int]:

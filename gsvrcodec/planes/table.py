@@ -65,6 +65,7 @@ def encode_plane(
     bits: int,
     codecs: Collection[Codec] = PACKS["auto"],
     prior: PriorPlanes | None = None,
+    memory: context.Memory | None = None,
 ) -> tuple[Codec, bytes]:
     """Code a plane with each of `codecs` and keep the smallest result.
 
@@ -74,6 +75,7 @@ def encode_plane(
         codecs: Codecs to try; of equal sizes the first in `_ORDER` wins. If no codec can code the
             plane, as JPEG XL over 2048 samples in a row, deflate is used.
         prior: The prior planes; None = no prior planes.
+        memory: Of a similar plane, for a quick choice; None = the best choice.
 
     Raises:
         ValueError: `samples` is not a uint16 plane, or a sample does not fit into `bits`.
@@ -89,7 +91,7 @@ def encode_plane(
     for codec in sorted(codecs, key=_ORDER.index):
         if codec is Codec.CONTEXT:
             data: bytes | None = context.encode(
-                samples, shape, prior or PriorPlanes.none(shape.height, shape.width)
+                samples, shape, prior or PriorPlanes.none(shape.height, shape.width), memory
             )
         elif best and not _promising(codec, samples, shape, len(best[1])):
             continue
