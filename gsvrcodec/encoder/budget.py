@@ -25,6 +25,7 @@ class Budget:
     target_bytes: int | None = None  #: of the payload; None = not asked for
     target_psnr: float | None = None  #: dB, mean of the frames; None = not asked for
     grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
+    exact: bool = True  #: whether the bytes have to be met; else later GOPs make up for it
 
 
 def most_gaussians(size: tuple[int, int]) -> int:

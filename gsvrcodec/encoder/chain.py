@@ -108,15 +108,19 @@ class _State:
             return
         content = unpack_gop(result.payload, _ANY, Limits())
         before = self.reference
-        whole = content.gop(before.gop, before.frames) if before else content.gop(None, 0)
-        self.reference = Reference(whole, gop.start, len(gop), result.qscale)
+        whole = content.new
+        if before is not None and content.carried is not None:
+            whole = content.gop(before.gop, before.frames)
+        self.reference = Reference(whole, gop.start, len(gop), result.qscale, result.psnr)
 
     def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:
         """Return a GOP's budget, by what is left for it and the `rest`, which begins with it."""
         if planned.target_bytes is not None:
             wanted = sum(budget.target_bytes or 0 for budget in rest)
             share = max(self._left, 0) * planned.target_bytes / max(wanted, 1)
-            return replace(planned, target_bytes=max(1, int(share)))
+            exact = len(rest) == 1
+            count = len(self.reference.gop) if self.reference else planned.gaussians
+            return replace(planned, gaussians=count, target_bytes=max(1, int(share)), exact=exact)
         if planned.target_psnr is not None and self.reference is not None:
             now = len(self.reference.gop)
             aim = sum(RATE_CONTROL.spare) / 2

@@ -14,13 +14,19 @@ from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
 from gsvrcodec.encoder.carried import carried_of, new_of
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.fit import predicted
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.predicted import fit_predicted
 from gsvrcodec.fit.quantised import as_published, quantisable
-from gsvrcodec.fit.rate_control import fit_to_psnr, quantise_to_psnr, quantise_to_size
+from gsvrcodec.fit.rate_control import (
+    fit_to_psnr,
+    quantise_near_size,
+    quantise_to_psnr,
+    quantise_to_size,
+)
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.prediction import last_look
@@ -39,6 +45,7 @@ class Reference:
     first_frame: int  #: number of its first frame in the file
     frames: int
     qscale: float  #: that it was stored at
+    psnr: float  #: dB, mean of its frames
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -69,7 +76,10 @@ class GopJob:
     @property
     def grid(self) -> GridSize:
         """Gx, Gy, Gt of the tri-plane; zeros for none."""
-        return self.budget.grid or triplane_grid(self.size, len(self.frames), self.settings)
+        if self.budget.grid is not None:
+            return self.budget.grid
+        gx, gy, gt = triplane_grid(self.size, len(self.frames), self.settings)
+        return (gx, gy, gt) if self.reference is None else (-(-gx // 2), -(-gy // 2), gt)
 
     @property
     def seed(self) -> tuple[int, ...]:
@@ -102,22 +112,35 @@ def encode_gop(job: GopJob) -> EncodedGop:
     backend = backend_on(choose_device(settings.device), settings.threads)
     footage = Footage(job.frames, normalised_time(job.pts))
 
-    def fit(gaussians: int, share: float = 1.0) -> Fit:
-        """Fit so many Gaussians with a share of the job's effort."""
+    def allowance(gaussians: int, share: float = 1.0) -> Allowance:
+        """Return a share of the job's effort, without the time that packing takes."""
         seconds = None
         if job.seconds is not None:
             packing = EFFORT.packing_seconds * gaussians
             packing = min(packing, EFFORT.packing_share * job.seconds)
             seconds = share * (job.seconds - packing) - (time.perf_counter() - began)
-        effort = Allowance(share * job.steps, seconds)
-        if reference is None:
-            return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
+        return Allowance(share * job.steps, seconds)
+
+    def fit(gaussians: int, share: float = 1.0) -> Fit:
+        """Fit so many Gaussians of a key GOP with a share of the job's effort."""
+        effort = allowance(gaussians, share)
+        return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
+
+    def fit_from(reference: Reference) -> Fit | None:
+        """Predict from the reference; None if that does not pay."""
         last = np.array([1.0 if reference.frames > 1 else 0.0], np.float32)
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
-        start = predicted.Reference(look, shown, reference.qscale)
+        start = predicted.Reference(look, shown, reference.qscale, reference.psnr)
         return fit_predicted(
-            footage, start, gaussians, job.grid, options, effort, backend, seed=job.seed
+            footage,
+            start,
+            budget.gaussians,
+            job.grid,
+            options,
+            allowance(budget.gaussians),
+            backend,
+            seed=job.seed,
         )
 
     def pack(
@@ -135,7 +158,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
             job.first_frame,
             precision,
             PACKS[codecs],
-            reference=0 if reference is None else job.first_frame - reference.first_frame,
+            reference=job.first_frame - reference.first_frame if reference and fitted.anchor else 0,
             carried=carried_of(fitted, gop, precision),
             memories=memories,
         )
@@ -148,8 +171,14 @@ def encode_gop(job: GopJob) -> EncodedGop:
         codecs = "entropy" if quick else settings.pack
         return len(pack(fitted, gop, precision, codecs, None if exact else memories))
 
-    if budget.target_psnr is None or reference is not None:
-        fitted = fit(budget.gaussians)
+    attempt = None if reference is None else fit_from(reference)
+    if attempt is not None:
+        fitted = attempt
+    elif budget.target_psnr is None:
+        gaussians = budget.gaussians
+        if reference is not None and budget.target_bytes is not None:
+            gaussians = min(gaussians, round(8 * budget.target_bytes / CHAIN.gaussian_bits))
+        fitted = fit(max(1, gaussians))
     else:
         refits = RATE_CONTROL.refits if job.seconds is None else 0
         most = most_gaussians(job.size)
@@ -158,11 +187,19 @@ def encode_gop(job: GopJob) -> EncodedGop:
         stored = as_published(fitted, backend)
     else:
         candidate = quantisable(fitted, options, backend, size, seed=job.seed)
-        if budget.target_bytes is not None:
+        if budget.target_bytes is not None and budget.exact:
             stored = quantise_to_size(candidate, budget.target_bytes)
+        elif budget.target_bytes is not None:
+            qscale, reach = (
+                RATE_CONTROL.coarser_key * candidate.usual_qscale,
+                RATE_CONTROL.key_reach,
+            )
+            if reference is not None and fitted.anchor is not None:
+                qscale, reach = reference.qscale, RATE_CONTROL.reach
+            stored = quantise_near_size(candidate, budget.target_bytes, qscale, reach)
         elif budget.target_psnr is not None:
             stored = quantise_to_psnr(candidate, budget.target_psnr)
-        elif reference is not None:
+        elif reference is not None and fitted.anchor is not None:
             stored = candidate.quantised(reference.qscale)
         else:
             stored = candidate.quantised(candidate.usual_qscale)

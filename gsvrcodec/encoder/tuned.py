@@ -72,18 +72,18 @@ class _Chain:
     """Key GOPs and the GOPs predicted from them."""
 
     #: frames of the longest predicted GOP, and motion at which it ends, px of the analysed frame
-    longest: int = 16
-    threshold: float = 12.0
+    longest: int = 24
+    threshold: float = 16.0
     #: bits of a predicted GOP, in those of a key GOP of as many Gaussians: without motion, and what
     #: is added where all detail moves
     idle_bits: float = 0.12
-    moving_bits: float = 0.6
+    moving_bits: float = 0.65
     #: bits of the payload of a key GOP for each Gaussian
     gaussian_bits: float = 62.0
     #: numbers that a predicted GOP stores, in those of a key GOP
     stored: float = 0.5
-    #: effort for a frame of a key GOP, in that of other frames, because all of the chain gains
-    key_effort: float = 2.5
+    #: effort for a frame of the first GOP, in that of other frames, because all of the chain gains
+    key_effort: float = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ class Reference:
     look: Look  #: (M, ...) the Gaussians as in the last frame of the reference
     picture: NDArray[np.uint8]  #: (H, W, 3) that frame, decoded
     qscale: float  #: that the GOP may be stored at; sets what a change costs
+    psnr: float  #: dB, mean of the frames of the reference
 
 
 def fit_predicted(
@@ -48,8 +49,11 @@ def fit_predicted(
     backend: Backend,
     *,
     seed: tuple[int, ...],
-) -> Fit:
+) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
+
+    Where the optical flow loses them, a fit from their places takes longer than one that begins
+    with nothing; then there is no fit.
 
     The same arguments give the same result in any process, unless there is a wall time.
 
@@ -62,6 +66,9 @@ def fit_predicted(
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
+
+    Returns:
+        The fit; None if the frames cannot be predicted from the reference.
     """
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
@@ -84,6 +91,9 @@ def fit_predicted(
         begin, anchor = _with_new(begin, anchor, max(extra, 1))
     field = Field(begin, options.deform, backend, footage.background, anchor)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
+    lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
+    if mean_psnr(field.gop(), footage, backend) < lost:
+        return None
     small = coarse_frames(footage.frames, PREDICTED)
     move_weakest(field, small, footage.taus, footage.size, rng, fresh)
 
@@ -131,19 +141,20 @@ def change_worth(
     Returns:
         (N,) squared 8-bit codes (mean of the channels) over all frames.
     """
-    size, frames = footage.size, len(footage.frames)
-    picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, size), 0, 1)
+    small = coarse_frames(footage.frames, PREDICTED)
+    size, coded, frames = (small.shape[2], small.shape[1]), footage.size, len(small)
+    picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, coded), 0, 1)
     chosen = np.unique(np.linspace(0, frames - 1, PREDICTION.frames).round().astype(np.intp))
     sensitivity = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     total = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     squares = np.zeros(gop.position.shape)
     for _ in range(PREDICTION.draws):
-        found = backend.gradient(gop, 0.0, noise((*size[::-1], 3), rng), size)
+        found = backend.gradient(gop, 0.0, noise((*size[::-1], 3), rng), coded)
         for name, sums in sensitivity.items():
             sums += np.square(getattr(found, name)) / PREDICTION.draws
     for index in chosen:
-        residual = footage.frames[index].astype(np.float32) / 255 - picture
-        found = backend.gradient(gop, 0.0, residual, size)
+        residual = small[index].astype(np.float32) / 255 - picture
+        found = backend.gradient(gop, 0.0, residual, coded)
         for name, sums in total.items():
             sums += getattr(found, name)
         squares += np.square(found.position, dtype=np.float64)
@@ -154,7 +165,8 @@ def change_worth(
         gain += lasting.reshape(len(gop), -1).sum(axis=1)
         if name == "position":
             gain += (squares / h - lasting).sum(axis=1)
-    worth: NDArray[np.float64] = gain * (255.0**2 / 3 * frames / len(chosen))
+    pixels = footage.frames[0].size / small[0].size  # of the footage for each that was looked at
+    worth: NDArray[np.float64] = gain * (255.0**2 / 3 * pixels * frames / len(chosen))
     return worth
 
 

@@ -74,6 +74,22 @@ def quantise_to_size(candidate: Candidate[R], target_bytes: int) -> R:
     return candidate.quantised(qscale)
 
 
+def quantise_near_size(
+    candidate: Candidate[R], target_bytes: int, qscale: float, reach: float
+) -> R:
+    """Quantise so that the payload takes about `target_bytes`; what is missed, others make up for.
+
+    Args:
+        candidate: a fit.
+        target_bytes: of the payload.
+        qscale: the qscale to begin with.
+        reach: most factor by which the qscale may differ from that.
+    """
+    miss = candidate.size(qscale) / target_bytes
+    factor = miss ** (1 / RATE_CONTROL.size_power)
+    return candidate.quantised(qscale * min(max(factor, 1 / reach), reach))
+
+
 def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:
     """Quantise so that the decoded frames come to about `target_psnr`, dB, after tuning."""
     left = RATE_CONTROL.loss_left if candidate.is_tuned else 1.0

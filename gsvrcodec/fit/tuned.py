@@ -98,6 +98,12 @@ class _Prediction:
     near: int = 15  #: neighbours in drawing order
     renewed_first: float = 0.05  #: fraction of the Gaussians that is new from the beginning
     least_steps: int = 60
+    #: PSNR of the start, dB, below which a GOP is not predicted, if it is also so much below the
+    #: reference: the optical flow has lost it. Full size, 34 visits: bunny starts at 25 dB and
+    #: gains 1.8 dB at equal bits by prediction, bee at 22 dB and 0.3 dB, driving at 18.5 dB and
+    #: loses 1.6 dB
+    lost: float = 20.5
+    lost_fall: float = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +168,14 @@ class _RateControl:
     tunings: int = 3  #: most trials of the qscale with tuning
     near: float = 0.04  #: dB by which a quality may be missed
     size_room: float = 0.003  #: fraction of a size kept free for what tuning may add
+    size_power: float = 0.6  #: a size falls by the qscale to the power of minus this
+    #: factor by which the qscale may differ from the usual one of a key GOP, and from that of the
+    #: reference, where a size need not be met exactly
+    key_reach: float = 1.4
+    reach: float = 1.4
+    coarser_key: float = (
+        1.8  #: qscale of a key GOP whose chain has a size to meet, in the usual one
+    )
     #: range of the qscale
     finest: float = 0.1
     coarsest: float = 16.0
