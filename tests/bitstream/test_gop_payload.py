@@ -155,7 +155,7 @@ class TestPredicted:
                     expected = quantiser.dequantise(quantiser.quantise(one))
                     np.testing.assert_array_equal(other, expected)
         reference = make_gop(len(modes), (2, 2, 2), seed=4)
-        expected_gop = carry_over(reference, frames, found, content.new)
+        expected_gop = carry_over(reference, (frames, len(PTS)), found, content.new)
         assert_gops_equal(content.gop(reference, frames), expected_gop)
         with pytest.raises(ValueError, match="frame 9 needs its reference"):
             content.gop(None, 0)

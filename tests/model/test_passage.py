@@ -27,7 +27,7 @@ def test_begins_and_ends_with_the_frames(
 ) -> None:
     before = make_gop(60, grid)
     mode = make_modes(60)
-    after = carry_over(before, frames[0], make_carried(mode), make_gop(20, grid, seed=3))
+    after = carry_over(before, frames, make_carried(mode), make_gop(20, grid, seed=3))
     passage = Passage.of(before, after, mode != DROPPED, frames)
     last = picture(before, 1 if frames[0] > 1 else 0)
     first = picture(after, -1 if frames[1] > 1 else 0)
@@ -39,7 +39,7 @@ def test_begins_and_ends_with_the_frames(
 def test_gaussians_go_in_a_straight_line() -> None:
     before = make_gop(10)
     mode = np.array([0, 1, 2, 3, DROPPED] * 2, np.uint8)
-    after = carry_over(before, 3, make_carried(mode), make_gop(2, seed=3))
+    after = carry_over(before, (3, 3), make_carried(mode), make_gop(2, seed=3))
     passage = Passage.of(before, after, mode != DROPPED, (3, 3))
     start, quarter, stop = (passage.at(weight) for weight in (0, 0.25, 1))
     assert len(quarter) == 8 + 2 + 2

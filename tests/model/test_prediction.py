@@ -1,4 +1,4 @@
-"""Prediction: Gaussians go on from where and as they were drawn at the end of the reference."""
+"""Prediction: Gaussians go on from where and as they are drawn in the reference's last frame."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gsvrcodec.model.prediction import (
     carry_over,
     first_look,
     last_look,
-    look_after,
     look_at,
+    start_of_motion,
 )
 from gsvrcodec.render import render_frames
 from tests.gops import make_carried, make_gop
@@ -27,7 +27,7 @@ from tests.gops import make_carried, make_gop
 SIZE = (48, 32)
 
 
-def plain_look(gop: Gop, n: int, tau: float, ahead: float) -> list[float]:
+def plain_look(gop: Gop, n: int, tau: float) -> list[float]:
     """One Gaussian by the equations of the spec, number by number in binary64."""
     gx, gy, gt = gop.xy.shape[1], gop.xy.shape[0], gop.xt.shape[0]
     px, py = map(float, gop.position[n])
@@ -50,8 +50,8 @@ def plain_look(gop: Gop, n: int, tau: float, ahead: float) -> list[float]:
             offset[k] = (1 - float(gop.indicator[n])) * field * bilinear(gop.yt, t, v, k)
     place = [
         float(gop.position[n, i])
-        + (tau + ahead) * float(gop.linear[n, i])
-        + (tau**2 + 2 * tau * ahead) * float(gop.quadratic[n, i])
+        + tau * float(gop.linear[n, i])
+        + tau**2 * float(gop.quadratic[n, i])
         + offset[i]
         for i in range(2)
     ]
@@ -71,14 +71,12 @@ def rows(look: Look) -> np.ndarray:
 
 class TestLook:
     @pytest.mark.parametrize("grid", [(0, 0, 0), (4, 3, 5), (1, 1, 1)])
-    @pytest.mark.parametrize(("tau", "ahead"), [(-1.0, 0.0), (0.0, 0.0), (0.3, 0.1), (1.0, 0.5)])
-    def test_equals_the_equations(
-        self, grid: tuple[int, int, int], tau: float, ahead: float
-    ) -> None:
+    @pytest.mark.parametrize("tau", [-1.0, 0.0, 0.3, 1.0])
+    def test_equals_the_equations(self, grid: tuple[int, int, int], tau: float) -> None:
         gop = make_gop(40, grid)
         gop.indicator[::3] = 1
-        expected = [plain_look(gop, n, tau, ahead) for n in range(40)]
-        found = rows(look_at(gop, tau, ahead))
+        expected = [plain_look(gop, n, tau) for n in range(40)]
+        found = rows(look_at(gop, tau))
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, expected, rtol=3e-7, atol=3e-7)
 
@@ -95,44 +93,68 @@ class TestLook:
             (first_look(gop, 1), 0.0),
             (last_look(gop, 9), 1.0),
             (last_look(gop, 1), 0.0),
-            (look_after(gop, 1), 0.0),
         ):
             np.testing.assert_array_equal(rows(found), rows(look_at(gop, tau)))
-        after = look_at(gop, 1.0, 2 / 4)
-        np.testing.assert_array_equal(rows(look_after(gop, 5)), rows(after))
 
 
-def kept_gop(gop: Gop, frames: int, mode: int = 0) -> Gop:
+def carried_gop(gop: Gop, frames: tuple[int, int], mode: int = 0) -> Gop:
     """The GOP predicted from `gop` with one mode for all, and nothing new."""
     modes = np.full(len(gop), mode, np.uint8)
     return carry_over(gop, frames, make_carried(modes), make_gop(0))
 
 
 class TestCarryOver:
-    def test_kept_gaussians_are_where_the_reference_was_heading(self) -> None:
+    @pytest.mark.parametrize("frames", [(5, 4), (5, 1), (1, 4)])
+    def test_kept_gaussians_stand_as_the_last_frame_shows_them(
+        self, frames: tuple[int, int]
+    ) -> None:
+        gop = make_gop(50, (3, 2, 4))
+        end = np.array([1 if frames[0] > 1 else 0], np.float32)
+        last = render_frames(gop, end, SIZE, SIZE).astype(int)
+        following = carried_gop(gop, frames)
+        for tau in (-1, 0, 1):
+            found = render_frames(following, np.array([tau], np.float32), SIZE, SIZE)
+            assert np.abs(found - last).max() <= 1
+
+    def test_motion_begins_one_mean_frame_before_the_first_frame(self) -> None:
+        assert start_of_motion(5) == -1.5
+        assert start_of_motion(2) == -3
+        assert start_of_motion(1) == -1
+
+    @pytest.mark.parametrize("frames", [(5, 4), (5, 2), (5, 1), (1, 9)])
+    def test_the_way_of_a_moved_gaussian_begins_in_the_last_frame_of_the_reference(
+        self, frames: tuple[int, int]
+    ) -> None:
+        gop = make_gop(50, (3, 2, 4))
+        following = carried_gop(gop, frames, MOVED)
+        last = last_look(gop, frames[0]).position
+        start = start_of_motion(frames[1])
+        way = start * following.linear + start**2 * following.quadratic
+        np.testing.assert_allclose(following.position + way, last, atol=1e-6)
+        assert np.abs(way).max() > 0.01
+
+    def test_a_steady_motion_goes_on_without_a_jump(self) -> None:
+        """The motion of the reference, in the time of a GOP of another length, is the same way."""
         gop = make_gop(50)
         gop.quadratic[:] = 0
-        # Frames are 0.5 apart in tau, so the next frame of the same motion is at 1.5.
-        heading = render_frames(gop, np.array([1.5], np.float32), SIZE, SIZE)
-        for mode in (0, MOVED):
-            following = kept_gop(gop, 5, mode)
-            found = render_frames(following, np.array([-1], np.float32), SIZE, SIZE)
-            assert np.abs(found.astype(int) - heading).max() <= 1
-
-    def test_a_curve_goes_on_in_its_last_direction(self) -> None:
-        gop = make_gop(50)
-        after = kept_gop(gop, 5).position.astype(np.float64)
-        speed = gop.linear.astype(np.float64) + 2 * gop.quadratic
-        last = gop.position.astype(np.float64) + gop.linear + gop.quadratic
-        np.testing.assert_allclose(after, last + 0.5 * speed, atol=1e-6)
+        carried = make_carried(np.full(50, MOVED, np.uint8))
+        carried.linear[:] = gop.linear / 2  # frames are 2/4 apart in the reference, 2/2 here
+        carried.quadratic[:] = 0
+        following = carry_over(gop, (5, 3), carried, make_gop(0))
+        for frame in range(3):
+            tau = -1.0 + frame
+            ahead = 1.5 + 0.5 * frame  # tau of the reference, if it went on
+            np.testing.assert_allclose(
+                look_at(following, tau).position, look_at(gop, ahead).position, atol=1e-6
+            )
 
     def test_every_mode_in_the_order_of_the_reference(self) -> None:
         gop, new = make_gop(10, (3, 2, 4)), make_gop(4, (2, 2, 2), seed=5)
         mode = np.array([0, MOVED, CHANGED, MOVED | CHANGED, DROPPED] * 2, np.uint8)
         carried = make_carried(mode)
         assert carried.kept == 8
-        whole = carry_over(gop, 3, carried, new)
-        look = look_after(gop, 3)
+        whole = carry_over(gop, (3, 5), carried, new)
+        look = last_look(gop, 3)
         assert len(whole) == 8 + 4
         for field in fields(Gop):
             if field.name in ("xy", "xt", "yt"):
@@ -151,7 +173,7 @@ class TestCarryOver:
                 linear, quadratic = carried.linear[moved], carried.quadratic[moved]
                 moved += 1
             place = look.position[n] + (carried.position[changed] if kind & CHANGED else 0)
-            start = whole.position[at] - whole.linear[at] + whole.quadratic[at]
+            start = whole.position[at] - 1.5 * whole.linear[at] + 2.25 * whole.quadratic[at]
             np.testing.assert_allclose(start, place, atol=1e-6)
             for name in ("log_scale", "rotation", "colour"):
                 change = getattr(carried, name)[changed] if kind & CHANGED else 0
@@ -176,7 +198,8 @@ class TestCarryOver:
                 getattr(carried, name)[...] = value
             carried.colour[:] = 60_000
             carried.linear[:], carried.quadratic[:] = 1000, -1000
-            gop = carry_over(gop, 2, carried, replace(make_gop(0), xy=gop.xy, xt=gop.xt, yt=gop.yt))
+            new = replace(make_gop(0), xy=gop.xy, xt=gop.xt, yt=gop.yt)
+            gop = carry_over(gop, (2, 2), carried, new)
             for attribute in ATTRIBUTES:
                 values = getattr(gop, attribute.name)
                 assert (values >= attribute.low).all()
@@ -185,6 +208,6 @@ class TestCarryOver:
 
     def test_nothing_to_carry(self) -> None:
         none = make_gop(0)
-        whole = carry_over(none, 3, make_carried(np.zeros(0, np.uint8)), make_gop(3))
+        whole = carry_over(none, (3, 3), make_carried(np.zeros(0, np.uint8)), make_gop(3))
         assert len(whole) == 3
-        assert len(kept_gop(make_gop(4), 3, DROPPED)) == 0
+        assert len(carried_gop(make_gop(4), (3, 3), DROPPED)) == 0
