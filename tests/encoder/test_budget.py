@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from typing import get_args
 
 import pytest
@@ -16,26 +17,36 @@ from gsvrcodec.encoder.budget import (
     triplane_grid,
 )
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.options import Deform, Profile
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS
 
-LENGTHS = st.lists(st.integers(1, 60), min_size=1, max_size=12)
+LENGTHS = st.lists(st.lists(st.integers(1, 60), min_size=1, max_size=5), min_size=1, max_size=6)
 SIZES = st.tuples(st.integers(1, 4000), st.integers(1, 4000))
 
 
-def ranges(lengths: list[int]) -> list[range]:
-    """Return GOPs of these lengths."""
-    stops = list(itertools.accumulate(lengths))
-    return [range(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)]
+def chains_of(*lengths: Iterable[int]) -> list[Chain]:
+    """Return chains of GOPs of these lengths."""
+    chains: list[Chain] = []
+    start = 0
+    for own in lengths:
+        stops = list(itertools.accumulate(own, initial=start))
+        chains.append([range(*pair) for pair in itertools.pairwise(stops)])
+        start = stops[-1]
+    return chains
 
 
 def stored(
-    gops: list[range], gaussians: list[int], size: tuple[int, int], settings: EncodeSettings
-) -> int:
-    """Return how many numbers a file holds."""
-    grids = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
-    return GAUSSIAN_PARAMETERS * sum(gaussians) + sum(grids)
+    chains: list[Chain], gaussians: list[int], size: tuple[int, int], settings: EncodeSettings
+) -> float:
+    """Return how many numbers a file may hold: a predicted GOP has a part of those of a key GOP."""
+    total = 0.0
+    for chain, count in zip(chains, gaussians, strict=True):
+        total += sum(grid_parameters(triplane_grid(size, len(gop), settings)) for gop in chain)
+        total += GAUSSIAN_PARAMETERS * count * (1 + CHAIN.stored * (len(chain) - 1))
+    return total
 
 
 @given(
@@ -46,25 +57,30 @@ def stored(
     profile=st.sampled_from(get_args(Profile)),
 )
 def test_params_are_an_upper_bound(
-    lengths: list[int], size: tuple[int, int], params: int, deform: Deform, profile: Profile
+    lengths: list[list[int]],
+    size: tuple[int, int],
+    params: int,
+    deform: Deform,
+    profile: Profile,
 ) -> None:
     settings = EncodeSettings(params=params, deform=deform, profile=profile)
-    gops = ranges(lengths)
-    if stored(gops, [1] * len(gops), size, settings) > params:
+    chains = chains_of(*lengths)
+    alone = [[gop] for chain in chains for gop in chain]
+    if stored(alone, [1] * len(alone), size, settings) > params:
         with pytest.raises(UsageError, match="raise `params`"):
-            allocate(gops, size, settings)
+            allocate(chains, size, settings)
         return
-    gaussians = allocate(gops, size, settings)
-    assert len(gaussians) == len(gops)
+    gaussians = allocate(chains, size, settings)
+    assert len(gaussians) == len(chains)
     assert min(gaussians) >= 1
-    assert stored(gops, gaussians, size, settings) <= params
+    assert stored(chains, gaussians, size, settings) <= params * (1 + 1e-9)
 
 
 @given(lengths=LENGTHS, size=SIZES, profile=st.sampled_from(get_args(Profile)))
 def test_without_a_budget_every_size_is_possible(
-    lengths: list[int], size: tuple[int, int], profile: Profile
+    lengths: list[list[int]], size: tuple[int, int], profile: Profile
 ) -> None:
-    gaussians = allocate(ranges(lengths), size, EncodeSettings(profile=profile))
+    gaussians = allocate(chains_of(*lengths), size, EncodeSettings(profile=profile))
     assert len(gaussians) == len(lengths)
     assert min(gaussians) >= 1
     assert max(gaussians) <= most_gaussians(size)
@@ -72,18 +88,28 @@ def test_without_a_budget_every_size_is_possible(
 
 @given(lengths=LENGTHS, size=SIZES, count=st.integers(1, 10**6))
 def test_gaussians_are_taken_as_they_are(
-    lengths: list[int], size: tuple[int, int], count: int
+    lengths: list[list[int]], size: tuple[int, int], count: int
 ) -> None:
-    assert allocate(ranges(lengths), size, EncodeSettings(gaussians=count)) == [count] * len(
-        lengths
-    )
+    found = allocate(chains_of(*lengths), size, EncodeSettings(gaussians=count))
+    assert found == [count] * len(lengths)
 
 
 def test_a_budget_is_used_up() -> None:
-    gops = ranges([24, 24, 24, 24, 24, 12])
     settings = EncodeSettings(params=3_000_000)
-    used = stored(gops, allocate(gops, (1280, 640), settings), (1280, 640), settings)
-    assert 0.99 * 3_000_000 < used <= 3_000_000
+    for lengths in ([[24]] * 5 + [[12]], [[24] * 5 + [12]], [[24] * 2, [24] * 3, [12]]):
+        chains = chains_of(*lengths)
+        used = stored(chains, allocate(chains, (1280, 640), settings), (1280, 640), settings)
+        assert 0.99 * 3_000_000 < used <= 3_000_000
+
+
+def test_every_frame_has_as_many_numbers() -> None:
+    short, long = allocate(chains_of([16], [48]), (1280, 640), EncodeSettings(params=900_000))
+    assert long == pytest.approx(3 * short, rel=0.1)
+    alone, predicted = allocate(
+        chains_of([16], [16, 16, 16]), (1280, 640), EncodeSettings(params=900_000)
+    )
+    assert predicted > alone
+    assert predicted == pytest.approx(3 * alone / (1 + 2 * CHAIN.stored), rel=0.1)
 
 
 def test_grid_of_the_paper() -> None:

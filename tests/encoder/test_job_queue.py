@@ -1,4 +1,4 @@
-"""Jobs of an encode: which frames each gets, how much time, and in front of which background."""
+"""Jobs of an encode: which chains are left, which frames each gets, and how much time."""
 
 from __future__ import annotations
 
@@ -8,26 +8,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.background import StaticRun
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import (
-    FittedBackground,
-    fit_backgrounds,
-    gop_jobs,
-    processes_for,
-)
-from gsvrcodec.encoder.jobs import GopJob
-from gsvrcodec.encoder.plan import PlannedBackground
+from gsvrcodec.encoder.job_queue import all_jobs, finished_gops, missing_frames, processes_for
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.errors import InputError
 from gsvrcodec.video import open_video
 from tests import making
+from tests.encoder.test_chain import driven
+from tests.gops import assert_gops_equal, make_chain
 
-GOPS = [range(4), range(4, 10), range(10, 12)]
-BUDGETS = [Budget(10), Budget(20), Budget(30)]
-PICTURE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8)
-RUN = StaticRun(1, range(1, 3), 0.9, PICTURE)
+CHAINS = [[range(4)], [range(4, 7), range(7, 10)], [range(10, 12)]]
+GOPS = [gop for chain in CHAINS for gop in chain]
+BUDGETS = [Budget(10), Budget(20), Budget(21), Budget(30)]
+FIGURES = GopFigures(30.0, 31.0, 1.0, 1.5)
+#: The second chain has two GOPs, the others one.
+RESULTS = [
+    [EncodedGop(payload, 30.0, 31.0, 1.5) for payload in make_chain([3] * len(chain))]
+    for chain in CHAINS
+]
 
 
 @pytest.fixture(scope="module")
@@ -37,85 +39,113 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return making.write_video(tmp_path_factory.mktemp("film") / "a.mkv", pictures)
 
 
+def holding(*gops: range) -> Checkpoint:
+    """A checkpoint that has some of the GOPs."""
+    checkpoint = Checkpoint(None, {}, resume=False, restart=False)
+    results = {
+        gop: result
+        for chain, own in zip(CHAINS, RESULTS, strict=True)
+        for gop, result in zip(chain, own, strict=True)
+    }
+    for gop in gops:
+        checkpoint.add(gop, FIGURES, results[gop].payload)
+    return checkpoint
+
+
 def jobs(
     film: Path,
-    gops: list[range] = GOPS,
-    missing: list[range] = GOPS,
-    *,
+    *finished: range,
+    chains: list[Chain] = CHAINS,
     began: float = 0.0,
     workers: int = 1,
-    backgrounds: dict[range, FittedBackground] | None = None,
     **settings: Any,
 ) -> list[GopJob]:
+    """Jobs of all chains with missing GOPs, each answered by its result."""
+    found: list[GopJob] = []
     chosen = EncodeSettings(**settings)
-    with open_video(film) as video:
-        found = gop_jobs(video, gops, BUDGETS, chosen, missing, workers, began, backgrounds or {})
-        return list(found)
+    with open_video(film) as video, holding(*finished) as checkpoint:
+        answers = [
+            results[finished_gops(chain, checkpoint) :]
+            for chain, results in zip(chains, RESULTS, strict=True)
+            if missing_frames(chain, checkpoint)
+        ]
+        queue = all_jobs(video, chains, BUDGETS, chosen, checkpoint, workers, began)
+        for chain_jobs, results in zip(queue, answers, strict=True):
+            found += driven(chain_jobs, results)
+    return found
 
 
-class TestGopJobs:
+class TestAllJobs:
     def test_each_has_its_frames_and_times(self, film: Path) -> None:
         found = jobs(film)
         assert [job.budget for job in found] == BUDGETS
+        assert [job.reference is None for job in found] == [True, True, False, True]
         with open_video(film) as video:
             shots = list(video)
         for gop, job in zip(GOPS, found, strict=True):
             assert job.first_frame == gop.start
             assert job.seconds is None
-            assert job.background is None
             own = shots[gop.start : gop.stop]
             np.testing.assert_array_equal(job.frames, [shot.rgb for shot in own])
             assert job.pts.tolist() == [shot.pts for shot in own]
             assert job.durations.tolist() == [shot.duration for shot in own]
 
-    def test_finished_gops_are_passed_over(self, film: Path) -> None:
-        (job,) = jobs(film, missing=GOPS[1:2])
-        assert job.first_frame == 4
-        assert job.budget == BUDGETS[1]
-        np.testing.assert_array_equal(job.frames[:, 0, 0, 0], jobs(film)[1].frames[:, 0, 0, 0])
+    def test_finished_chains_are_passed_over(self, film: Path) -> None:
+        (job,) = jobs(film, *GOPS[:3])
+        assert job.first_frame == 10
+        assert job.budget == BUDGETS[3]
+        np.testing.assert_array_equal(job.frames, jobs(film)[3].frames)
+        assert jobs(film, *GOPS) == []
+
+    def test_a_chain_goes_on_behind_its_finished_gops(self, film: Path) -> None:
+        (job,) = jobs(film, GOPS[0], GOPS[1], GOPS[3])
+        same = jobs(film)[2]
+        assert job.first_frame == 7
+        np.testing.assert_array_equal(job.frames, same.frames)
+        assert job.pts.tolist() == same.pts.tolist()
+        assert job.reference is not None
+        assert same.reference is not None
+        assert_gops_equal(job.reference.gop, same.reference.gop)
+        assert job.reference.qscale == 1.5
+        assert (job.budget, job.effort) == (same.budget, same.effort)
+
+    def test_what_is_finished_behind_a_missing_gop_is_done_again(self, film: Path) -> None:
+        found = jobs(film, GOPS[2])
+        assert [job.first_frame for job in found] == [0, 4, 7, 10]
 
     def test_the_time_left_is_shared_by_frames(
         self, film: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        now = 100.0
-        monkeypatch.setattr("time.perf_counter", lambda: now)
-        shares = [job.seconds for job in jobs(film, began=94.0, time_budget=1.0)]
-        # No time goes by here: each share is of the six seconds left of twelve.
-        assert shares == pytest.approx([6 * 4 / 12, 6 * 6 / 8, 6 * 2 / 2])
-        shares = [job.seconds for job in jobs(film, began=94.0, workers=3, time_budget=1.0)]
-        assert shares == pytest.approx([6 * 4 / 6, 6, 6 * 2 / 6])
-        assert [job.seconds for job in jobs(film, began=0.0, time_budget=1.0)] == [0, 0, 0]
+        monkeypatch.setattr("time.perf_counter", lambda: 100.0)
 
-    def test_a_film_that_became_shorter_fails(self, film: Path) -> None:
-        longer = [*GOPS[:2], range(10, 15)]
-        with pytest.raises(InputError, match="became shorter while it was read"):
-            jobs(film, longer, longer)
+        def shares(*finished: range, **settings: Any) -> list[float]:
+            """Seconds of each chain that has one GOP to do."""
+            found = jobs(film, GOPS[1], *finished, time_budget=1.0, **settings)
+            return [job.seconds or 0.0 for job in found]
+
+        # No time goes by here: each share is of what is left of nine seconds.
+        assert shares(began=97.0) == pytest.approx([6 * 4 / 9, 6 * 3 / 5, 6])
+        assert shares(began=97.0, workers=3) == pytest.approx([6, 6 * 3 / 4, 6 * 2 / 4])
+        assert shares(GOPS[0], began=97.0) == pytest.approx([2 * 3 / 5, 2])
+        assert shares(began=0.0) == [0, 0, 0]
+
+    def test_frames_are_read_when_a_chain_is_asked_for(self, film: Path) -> None:
+        with open_video(film) as video, holding() as checkpoint:
+            longer = [*CHAINS[:2], [range(10, 15)]]
+            queue = all_jobs(video, longer, BUDGETS, EncodeSettings(), checkpoint, 1, 0.0)
+            assert next(next(queue)).first_frame == 0
+            assert next(next(queue)).first_frame == 4
+            with pytest.raises(InputError, match="became shorter while it was read"):
+                next(queue)
 
 
-class TestBackgrounds:
-    def test_they_are_fitted_once_and_kept(self, film: Path) -> None:
-        settings = EncodeSettings(preset="fastest", threads=1)
-        planned, reports = [PlannedBackground(RUN, Budget(25))], list[int]()
-        with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
-            found = fit_backgrounds(
-                planned, GOPS, settings, checkpoint, lambda: reports.append(checkpoint.backgrounds)
-            )
-            again = fit_backgrounds(
-                planned, GOPS, settings, checkpoint, lambda: reports.append(checkpoint.backgrounds)
-            )
-            assert reports == [1]
-            assert checkpoint.background(1) == found[GOPS[1]].payload
-        assert set(found) == set(again) == set(GOPS[1:])
-        fitted = found[GOPS[1]]
-        assert fitted is found[GOPS[2]]
-        assert fitted.payload == again[GOPS[1]].payload
-        assert fitted.background.number == 1
-        assert len(fitted.background.gop) == 25
-        before, *behind = jobs(film, backgrounds=found)
-        assert before.background is None
-        for job in behind:
-            assert job.background is fitted.background
-            assert job.background_picture is PICTURE
+def test_what_is_missing() -> None:
+    with holding(GOPS[0], GOPS[1]) as checkpoint:
+        assert [finished_gops(chain, checkpoint) for chain in CHAINS] == [1, 1, 0]
+        assert [missing_frames(chain, checkpoint) for chain in CHAINS] == [0, 3, 2]
+    with holding(GOPS[2]) as checkpoint:
+        assert finished_gops(CHAINS[1], checkpoint) == 0
+        assert missing_frames(CHAINS[1], checkpoint) == 6
 
 
 @pytest.mark.parametrize(
@@ -132,7 +162,7 @@ class TestBackgrounds:
 def test_processes(settings: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gsvrcodec.encoder.workers._available_bytes", lambda: 2**40)
     chosen = EncodeSettings(threads=4, **settings)
-    assert processes_for(GOPS, (32, 24), chosen) == (count, 4)
+    assert processes_for(CHAINS, (32, 24), chosen) == (count, 4)
 
 
 def test_no_processes_for_nothing() -> None:

@@ -19,6 +19,7 @@ from gsvrcodec.fit.options import Deform
 from tests import making
 from tests.fit.synthetic import (
     assert_finite,
+    decoded,
     gop_job,
     moving_texture,
     quality,
@@ -36,10 +37,10 @@ class TestContent:
         done = encode_gop(job)
         content = unpacked(done, job)
         assert content.first_frame == 40
-        assert len(content.gop) == 300
+        assert len(content.new) == 300
         np.testing.assert_array_equal(content.pts, job.pts)
         np.testing.assert_array_equal(content.durations, job.durations)
-        assert quality(content, frames) == pytest.approx(done.psnr, abs=0.02)
+        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
         assert done.psnr > 20
         assert abs(done.float_psnr - done.psnr) < 0.3
 
@@ -49,7 +50,7 @@ class TestContent:
         frames = moving_texture(4, (1.5, 0.5), (96, 64))
         job = gop_job(frames, 200, deform=deform, profile=profile)
         done = encode_gop(job)
-        gop = unpacked(done, job).gop
+        gop = decoded(done, job)
         assert_finite(gop)
         assert bool(gop.xy.size) == (deform != "polynomial")
         assert gop.linear.any() == (deform != "triplane")
@@ -62,9 +63,7 @@ class TestContent:
         one, other = encode_gop(auto), encode_gop(job)
         assert one.psnr == other.psnr
         assert len(one.payload) <= len(other.payload)
-        np.testing.assert_array_equal(
-            unpacked(one, auto).gop.position, unpacked(other, job).gop.position
-        )
+        np.testing.assert_array_equal(decoded(one, auto).position, decoded(other, job).position)
 
     @pytest.mark.parametrize("profile", ["main", "paper"])
     def test_qat(self, profile: str) -> None:
@@ -87,7 +86,7 @@ class TestTargets:
         job = gop_job(frames, Budget(size // 9, target_bytes=size), first_frame=8)
         done = encode_gop(job)
         assert 0.97 * size <= len(done.payload) <= 1.01 * size
-        assert quality(unpacked(done, job), frames) == pytest.approx(done.psnr, abs=0.02)
+        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
 
     @pytest.mark.parametrize(("guess", "wanted"), [(300, 27.0), (20, 29.0), (2000, 28.0)])
     def test_quality(self, guess: int, wanted: float) -> None:
@@ -111,19 +110,18 @@ class TestEverySize:
         frames = np.random.default_rng(0).integers(0, 256, (*shape, 3), np.uint8)
         job = gop_job(frames, 12, profile=profile)
         done = encode_gop(job)
-        assert_finite(unpacked(done, job).gop)
+        assert_finite(decoded(done, job))
         assert np.isfinite([done.psnr, done.float_psnr]).all()
 
     @pytest.mark.parametrize("gaussians", [1, 2, 5])
     @pytest.mark.parametrize("deform", get_args(Deform))
     def test_few_gaussians(self, gaussians: int, deform: Deform) -> None:
         job = gop_job(sample(making.NOISE, (40, 32), 3), gaussians, deform=deform)
-        content = unpacked(encode_gop(job), job)
-        assert len(content.gop) == gaussians
+        assert len(decoded(encode_gop(job), job)) == gaussians
 
     def test_more_gaussians_than_pixels(self) -> None:
         job = gop_job(sample(making.NOISE, (8, 6), 2), 100)
-        assert len(unpacked(encode_gop(job), job).gop) == 100
+        assert len(decoded(encode_gop(job), job)) == 100
 
     @pytest.mark.parametrize("level", [0, 128, 255])
     def test_flat(self, level: int) -> None:
@@ -142,7 +140,7 @@ class TestEverySize:
 
     def test_no_time_left(self) -> None:
         job = gop_job(sample(making.NOISE, (64, 48), 3), seconds=0.0)
-        assert_finite(unpacked(encode_gop(job), job).gop)
+        assert_finite(decoded(encode_gop(job), job))
 
 
 class TestPurity:

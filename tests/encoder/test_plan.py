@@ -1,90 +1,100 @@
-"""Plans: what a file is to take is shared among its GOPs and backgrounds."""
+"""Plans: what a file is to take is shared among its chains and their GOPs."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.background import StaticRun
-from gsvrcodec.encoder.budget import Budget, grid_parameters, triplane_grid
-from gsvrcodec.encoder.plan import Plan, longest_gop, plan
+from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
+from gsvrcodec.encoder.plan import bit_weights, longest_chain, longest_gop, plan
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import UsageError
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS
-from tests.encoder.test_budget import ranges
+from tests.encoder.test_budget import chains_of
 
 
-class TestBackgrounds:
-    """What a background gets is taken from its GOPs, and from no other."""
+class TestChains:
+    """A chain shares its bytes: most for the key GOP, and the more the more moves."""
 
     SIZE = (640, 360)
-    GOPS = ranges([20] * 6)
-    STATS: ClassVar = [FrameStats(0.4, number == 100, 9.0, 300.0) for number in range(120)]
-    RUN = StaticRun(1, range(1, 5), 0.9, np.zeros((360, 640, 3), np.uint8))
 
-    def plan(self, *runs: StaticRun, **settings: Any) -> Plan:
+    def plan(self, *lengths: list[int], moving: float = 0.5, **settings: Any) -> list[Budget]:
+        frames = sum(map(sum, lengths))
+        stats = [FrameStats(0.4, not number, 9.0, 300.0, moving) for number in range(frames)]
         chosen = EncodeSettings(**settings)
-        return plan(self.GOPS, self.STATS, self.SIZE, chosen, seconds=5.0, overhead=900, runs=runs)
+        return plan(
+            chains_of(*lengths), stats, self.SIZE, chosen, seconds=frames / 24, overhead=900
+        )
 
     def test_bytes(self) -> None:
-        before, after = self.plan(bpp=0.1), self.plan(self.RUN, bpp=0.1)
-        (planned,) = after.backgrounds
-        background = planned.budget
-        assert planned.run is self.RUN
-        assert background.target_bytes is not None
-        sizes = [[budget.target_bytes or 0 for budget in p.gops] for p in (before, after)]
-        assert sizes[0][0] == sizes[1][0]
-        assert sizes[0][5] == sizes[1][5]
-        assert sum(sizes[0]) == sum(sizes[1]) + background.target_bytes
-        assert background.target_bytes > max(sizes[1])
-        assert background.gaussians > after.gops[1].gaussians
-        assert [budget.gaussians for budget in after.gops[1:5]] < [
-            budget.gaussians for budget in before.gops[1:5]
-        ]
+        budgets = self.plan([16, 16, 16], [16, 16], bpp=0.1)
+        sizes = [budget.target_bytes or 0 for budget in budgets]
+        total = 0.1 * 640 * 360 * 80 / 8 - 900
+        assert total - 5 <= sum(sizes) <= total
+        # Chains get bytes by their length, and their key GOPs more than the others.
+        assert sum(sizes[:3]) == pytest.approx(1.5 * sum(sizes[3:]), rel=0.01)
+        assert sizes[0] > 1.5 * sizes[1]
+        assert abs(sizes[1] - sizes[2]) <= 1
+        assert sizes[3] > 1.5 * sizes[4]
 
-    def test_parameters(self) -> None:
-        after = self.plan(self.RUN, params=400_000)
-        (background,) = (planned.budget for planned in after.backgrounds)
-        grids = sum(
-            grid_parameters(triplane_grid(self.SIZE, 20, EncodeSettings())) for _ in self.GOPS
-        )
-        own = sum(budget.gaussians for budget in after.gops)
-        total = grids + GAUSSIAN_PARAMETERS * own + 8 * background.gaussians
-        assert 0.99 * 400_000 < total < 1.001 * 400_000
+    def test_what_moves_gets_more(self) -> None:
+        idle, wild = (self.plan([16] * 3, moving=moving, bpp=0.1) for moving in (0.0, 1.0))
+        assert (idle[1].target_bytes or 0) < 0.5 * (wild[1].target_bytes or 0)
+        # What is left where little moves is for the key GOP, and for its Gaussians.
+        assert (idle[0].target_bytes or 0) > 1.5 * (wild[0].target_bytes or 0)
+        assert idle[0].gaussians > 1.5 * wild[0].gaussians
 
-    def test_a_quality(self) -> None:
-        after = self.plan(self.RUN, target_psnr=35)
-        (background,) = (planned.budget for planned in after.backgrounds)
-        assert 36 < (background.target_psnr or 0) < 40
-        assert {budget.target_psnr for budget in after.gops} == {35}
+    def test_weights(self) -> None:
+        stats = [FrameStats(0.0, False, moving=0.25 * (number // 4)) for number in range(12)]
+        (chain,) = chains_of([4, 4, 4])
+        first, second, third = bit_weights(chain, stats)
+        assert first == 1
+        assert second == pytest.approx(CHAIN.idle_bits + 0.25 * CHAIN.moving_bits)
+        assert third == pytest.approx(CHAIN.idle_bits + 0.5 * CHAIN.moving_bits)
 
-    def test_more_gops_share_a_smaller_part(self) -> None:
-        shares = []
-        for gops in (range(1, 3), range(1, 5)):
-            run = replace(self.RUN, gops=gops)
-            (planned,) = self.plan(run, bpp=0.1).backgrounds
-            shares.append((planned.budget.target_bytes or 0) / len(gops))
-        assert shares[1] < shares[0]
+    def test_all_gops_of_a_chain_have_as_many_gaussians(self) -> None:
+        for settings in ({"bpp": 0.1}, {"target_psnr": 33.0}, {"params": 500_000}):
+            budgets = self.plan([16, 16, 16], [16], **settings)
+            assert len({budget.gaussians for budget in budgets[:3]}) == 1
+            assert budgets[3].gaussians != budgets[0].gaussians
 
-    def test_too_few_bytes_for_one(self) -> None:
-        assert self.plan(self.RUN, bpp=0.0055).backgrounds == []
+    def test_there_is_a_most(self) -> None:
+        budgets = self.plan([16, 16], bpp=20.0)
+        assert {budget.gaussians for budget in budgets} == {most_gaussians(self.SIZE)}
 
-    def test_in_front_of_a_background_the_grid_is_coarse(self) -> None:
-        grids = [budget.grid for budget in self.plan(self.RUN, bpp=0.4).gops]
-        assert grids[1:5] == [(16, 9, 10)] * 4
-        assert grids[0] == grids[5] == (32, 18, 20)
+    def test_a_quality_is_that_of_every_gop(self) -> None:
+        budgets = self.plan([16, 16], target_psnr=35)
+        assert {(budget.target_psnr, budget.target_bytes) for budget in budgets} == {(35, None)}
+
+    def test_predicted_gops_have_a_coarse_grid(self) -> None:
+        grids = [budget.grid for budget in self.plan([20, 20], bpp=0.4)]
+        assert grids == [(32, 18, 20), (16, 9, 20)]
+
+    def test_too_little_for_the_gops_of_a_chain_fails(self) -> None:
+        with pytest.raises(UsageError, match=r"for 5 GOPs, which need \d+ each"):
+            self.plan([16] * 5, target_size=5000)
+
+
+@pytest.mark.parametrize(
+    ("settings", "frames"),
+    [({}, 96), ({"keyint": 0.5}, 12), ({"keyint": 0.01}, 1), ({"keyint": 0}, 0)],
+)
+def test_longest_chain(settings: dict[str, Any], frames: int) -> None:
+    chosen = EncodeSettings(**settings)
+    assert longest_chain(240, chosen, seconds=10.0) == frames
+    assert longest_chain(240, replace(chosen, profile="paper"), seconds=10.0) == 0
+    assert longest_chain(0, chosen, seconds=0.0) == 0
 
 
 def test_a_dear_grid_is_coarse() -> None:
     stats = [FrameStats(0.4, False, 9.0, 300.0)] * 20
     grids = [
-        plan([range(20)], stats, (640, 360), EncodeSettings(bpp=bpp), seconds=1.0, overhead=0)
-        .gops[0]
-        .grid
+        plan([[range(20)]], stats, (640, 360), EncodeSettings(bpp=bpp), seconds=1.0, overhead=0)[
+            0
+        ].grid
         for bpp in (0.02, 0.2)
     ]
     assert grids == [(16, 9, 20), (32, 18, 20)]
@@ -98,9 +108,9 @@ class TestPlan:
         return [FrameStats(0.1, False, change, 300.0) for change in changes for _ in range(30)]
 
     def budgets(self, *changes: float, **settings: Any) -> list[Budget]:
-        gops = ranges([30] * len(changes))
+        chains = chains_of(*[[30]] * len(changes))
         chosen = EncodeSettings(**settings)
-        return plan(gops, self.stats(*changes), self.SIZE, chosen, seconds=2.0, overhead=1000).gops
+        return plan(chains, self.stats(*changes), self.SIZE, chosen, seconds=2.0, overhead=1000)
 
     @pytest.mark.parametrize(
         ("settings", "total"),
@@ -115,20 +125,18 @@ class TestPlan:
         assert total - 1000 - 3 <= sum(sizes) <= total - 1000
 
     def test_copied_streams_count_for_the_size_alone(self) -> None:
-        gops, stats = ranges([30]), self.stats(9)
+        chains, stats = chains_of([30]), self.stats(9)
         for settings, less in (({"target_size": 90_000}, 20_000), ({"bpp": 0.2}, 0)):
             sizes = [
                 plan(
-                    gops,
+                    chains,
                     stats,
                     self.SIZE,
                     EncodeSettings(**settings),
                     seconds=1.0,
                     overhead=1000,
                     streams=streams,
-                )
-                .gops[0]
-                .target_bytes
+                )[0].target_bytes
                 for streams in (0, 20_000)
             ]
             assert (sizes[0] or 0) - (sizes[1] or 0) == less
@@ -169,13 +177,19 @@ class TestPlan:
 @pytest.mark.parametrize(
     ("settings", "frames"),
     [
-        ({}, 32),
+        ({}, CHAIN.longest),
+        ({"bpp": 0.001}, CHAIN.longest),
+        ({"target_psnr": 30.0}, CHAIN.longest),
         ({"gop_min": 40}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
-        ({"bpp": 0.2}, 32),
-        ({"bpp": 0.05}, 64),
-        ({"bpp": 0.001}, 128),
-        ({"bitrate": 57600}, 64),
+        ({"keyint": 0}, 32),
+        ({"keyint": 0, "gop_min": 40}, 40),
+        ({"keyint": 0, "gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
+        ({"keyint": 0, "bpp": 0.2}, 32),
+        ({"keyint": 0, "bpp": 0.05}, 64),
+        ({"keyint": 0, "bpp": 0.001}, 128),
+        ({"keyint": 0, "bitrate": 57600}, 64),
+        ({"profile": "paper"}, 32),
     ],
 )
 def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
@@ -184,10 +198,10 @@ def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
     assert longest_gop(stats, (320, 180), chosen, seconds=3.0) == frames
 
 
-def test_low_quality_has_longer_gops() -> None:
+def test_low_quality_has_longer_key_gops() -> None:
     stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
     low, high = (
-        longest_gop(stats, (320, 180), EncodeSettings(target_psnr=psnr), seconds=3.0)
+        longest_gop(stats, (320, 180), EncodeSettings(target_psnr=psnr, keyint=0), seconds=3.0)
         for psnr in (28.0, 40.0)
     )
     assert low > 2 * high

@@ -7,7 +7,6 @@ import pytest
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import GopFigures
-from tests.gops import make_background
 
 GOPS = [range(4), range(4, 10), range(10, 12)]
 
@@ -16,29 +15,27 @@ def figures(psnr: float) -> GopFigures:
     return GopFigures(psnr, psnr, 1.0)
 
 
-def test_gops_backgrounds_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now, calls = 100.0, list[Progress]()
     monkeypatch.setattr("time.perf_counter", lambda: now)
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         checkpoint.add(GOPS[0], figures(30.0), b"")
-        meter = Meter(GOPS, 1, checkpoint, 90.0, calls.append)
-        meter.report()
-        checkpoint.add_background(make_background(1, 3))
+        meter = Meter(GOPS, checkpoint, 90.0, calls.append)
         meter.report()
         checkpoint.add(GOPS[2], figures(36.0), b"")
         meter.report()
         now = 110.0
         checkpoint.add(GOPS[1], figures(33.0), b"")
         meter.report()
-    assert [(call.gop, call.background) for call in calls] == [(1, 0), (1, 1), (2, 1), (3, 1)]
-    assert {(call.gops, call.backgrounds, call.frames) for call in calls} == {(3, 1, 12)}
-    assert [call.frames_done for call in calls] == [4, 4, 6, 12]
-    assert [call.psnr for call in calls] == [30.0, 30.0, 32.0, 32.5]
+    assert [call.gop for call in calls] == [1, 2, 3]
+    assert {(call.gops, call.frames) for call in calls} == {(3, 12)}
+    assert [call.frames_done for call in calls] == [4, 6, 12]
+    assert [call.psnr for call in calls] == [30.0, 32.0, 32.5]
     # What was there before says nothing about the pace.
-    assert [call.seconds_per_frame for call in calls] == [None, None, 5.0, 2.5]
-    assert [call.eta_seconds for call in calls] == [None, None, 30.0, 0.0]
+    assert [call.seconds_per_frame for call in calls] == [None, 5.0, 2.5]
+    assert [call.eta_seconds for call in calls] == [None, 30.0, 0.0]
 
 
 def test_nobody_wants_to_know() -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
-        Meter(GOPS, 0, checkpoint, 0.0, None).report()
+        Meter(GOPS, checkpoint, 0.0, None).report()

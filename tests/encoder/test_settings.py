@@ -24,6 +24,8 @@ from gsvrcodec.errors import UsageError
         {"target_size": 10_000_000},
         {"target_psnr": 38.5},
         {"gop_min": 7, "gop_max": 7},
+        {"keyint": 0, "target_psnr": 30.0},
+        {"keyint": 0.25},
         {"profile": "paper", "deform": "triplane", "pack": "png", "qat": False},
         {"crop": (16, 16, None, None), "start_frame": 3, "frames": 1},
     ],
@@ -65,6 +67,9 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"start_frame": -1}, "`start_frame` must be at least 0"),
         ({"seed": -1}, "`seed` must be at least 0"),
         ({"threads": -1}, "`threads` must be at least 0"),
+        ({"keyint": -0.5}, "`keyint` must be 0 or more seconds, not -0.5"),
+        ({"keyint": float("inf")}, "`keyint` must be 0 or more seconds"),
+        ({"keyint": float("nan")}, "`keyint` must be 0 or more seconds"),
         ({"time_budget": 0.0}, "`time_budget` must be above 0"),
         ({"time_budget": float("inf")}, "`time_budget` must be above 0"),
         ({"time_budget": float("nan")}, "`time_budget` must be above 0"),
@@ -91,14 +96,15 @@ def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "may"),
+    ("settings", "predicts"),
     [
         ({}, True),
-        ({"bpp": 0.1}, True),
-        ({"backgrounds": False}, False),
-        ({"gaussians": 50}, False),
+        ({"keyint": 0.5, "bpp": 0.1}, True),
+        ({"gaussians": 50}, True),
+        ({"keyint": 0.0}, False),
+        ({"keyint": 0}, False),
         ({"profile": "paper"}, False),
     ],
 )
-def test_when_there_may_be_backgrounds(settings: dict[str, Any], may: bool) -> None:
-    assert EncodeSettings(**settings).may_have_backgrounds == may
+def test_when_gops_may_be_predicted(settings: dict[str, Any], predicts: bool) -> None:
+    assert EncodeSettings(**settings).predicts == predicts

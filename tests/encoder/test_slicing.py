@@ -1,15 +1,16 @@
-"""Cutting into GOPs: lengths that keep what was asked."""
+"""Cutting into chains of GOPs: lengths that keep what was asked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Literal
 
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.slicing import slice_gops
+from gsvrcodec.encoder.slicing import Chain, slice_gops
 
 STATS = st.lists(
     st.builds(
@@ -26,9 +27,9 @@ def shots(stats: list[FrameStats]) -> list[int]:
     return [stop - start for start, stop in pairwise([*starts, len(stats)])]
 
 
-def by_shot(gops: list[range], stats: list[FrameStats]) -> Iterator[list[int]]:
+def by_shot(chains: list[Chain], stats: list[FrameStats]) -> Iterator[list[int]]:
     """Yield the lengths of each shot's GOPs, which cover it exactly."""
-    rest = iter(gops)
+    rest = iter([gop for chain in chains for gop in chain])
     start = 0
     for length in shots(stats):
         lengths: list[int] = []
@@ -75,3 +76,62 @@ class TestSliceGops:
 
     def test_no_frames(self) -> None:
         assert slice_gops([], "adaptive", minimum=12, maximum=32) == []
+        assert slice_gops([], 5, minimum=1, maximum=1, longest_chain=9) == []
+
+
+class TestChains:
+    @given(stats=STATS, gop=st.integers(1, 40) | st.just("adaptive"))
+    def test_without_prediction_every_gop_is_one(
+        self, stats: list[FrameStats], gop: int | Literal["adaptive"]
+    ) -> None:
+        chains = slice_gops(stats, gop, minimum=4, maximum=20, longest_chain=0)
+        assert {len(chain) for chain in chains} == {1}
+
+    @given(
+        stats=STATS,
+        gop=st.integers(1, 40) | st.just("adaptive"),
+        minimum=st.integers(1, 9),
+        longest=st.integers(1, 60),
+    )
+    def test_they_are_within_their_shot_and_bound(
+        self,
+        stats: list[FrameStats],
+        gop: int | Literal["adaptive"],
+        minimum: int,
+        longest: int,
+    ) -> None:
+        chains = slice_gops(stats, gop, minimum=minimum, maximum=16, longest_chain=longest)
+        assert [frame for chain in chains for gop in chain for frame in gop] == [*range(len(stats))]
+        starts = [chain[0].start for chain in chains]
+        for chain in chains:
+            frames = range(chain[0].start, chain[-1].stop)
+            assert len(frames) <= longest
+            assert not any(stats[frame].cut for frame in frames[1:])
+            assert all(gop for gop in chain)
+        # A shot has no more chains than it needs, all of about the same length.
+        begin = 0
+        for length in shots(stats):
+            own = [start for start in starts if begin <= start < begin + length]
+            assert len(own) == -(-length // longest)
+            lengths = [stop - start for start, stop in pairwise([*own, begin + length])]
+            assert max(lengths) - min(lengths) <= 1
+            begin += length
+
+    def test_a_film_of_two_shots(self) -> None:
+        stats = [FrameStats(0.0, number in (0, 10)) for number in range(25)]
+        chains = slice_gops(stats, 4, minimum=1, maximum=1, longest_chain=10)
+        assert chains == [
+            [range(4), range(4, 8), range(8, 10)],
+            [range(10, 14), range(14, 18)],
+            [range(18, 22), range(22, 25)],
+        ]
+
+    def test_a_lower_threshold_makes_shorter_gops(self) -> None:
+        stats = [FrameStats(0.0, True), *[FrameStats(1.0, False)] * 47]
+        (coarse,), (fine,) = (
+            slice_gops(
+                stats, "adaptive", minimum=4, maximum=99, longest_chain=99, threshold=threshold
+            )
+            for threshold in (24.0, 12.0)
+        )
+        assert (len(coarse), len(fine)) == (3, 5)

@@ -83,7 +83,7 @@ def gop_job(
 
 
 def unpacked(done: EncodedGop, job: GopJob) -> GopContent:
-    """Return what a decoder gets."""
+    """Return what a decoder reads."""
     height, width = job.frames.shape[1:3]
     header = Header(
         width=width,
@@ -96,11 +96,17 @@ def unpacked(done: EncodedGop, job: GopJob) -> GopContent:
     return unpack_gop(done.payload, header, Limits())
 
 
-def quality(content: GopContent, frames: Frames) -> float:
+def decoded(done: EncodedGop, job: GopJob) -> Gop:
+    """Return the Gaussians that a decoder draws."""
+    reference = job.reference
+    content = unpacked(done, job)
+    return content.gop(reference.gop, reference.frames) if reference else content.gop(None, 0)
+
+
+def quality(gop: Gop, job: GopJob) -> float:
     """Return the mean PSNR of what a decoder shows, dB."""
-    size = frames.shape[2], frames.shape[1]
-    shown = render_frames(content.gop, normalised_time(content.pts), size, size)
-    return float(np.mean([making.psnr(*pair) for pair in zip(frames, shown, strict=True)]))
+    shown = render_frames(gop, normalised_time(job.pts), job.size, job.size)
+    return float(np.mean([making.psnr(*pair) for pair in zip(job.frames, shown, strict=True)]))
 
 
 def times(frames: int) -> Float32Array:
@@ -109,7 +115,7 @@ def times(frames: int) -> Float32Array:
 
 
 def footage(frames: Frames, background: Gop | None = None) -> Footage:
-    """Return evenly spaced frames, to be fitted."""
+    """Return evenly spaced frames, to be fitted in front of static Gaussians."""
     return Footage(frames, times(len(frames)), background)
 
 

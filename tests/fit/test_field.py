@@ -74,7 +74,7 @@ class TestExport:
         np.testing.assert_array_equal(gop.position, rounded["position"].clip(-0.99 * 2, 0.99 * 2))
         np.testing.assert_array_equal(gop.indicator, rounded["indicator"])
 
-    def test_a_background_is_drawn_but_not_trained(self, start: Gop) -> None:
+    def test_what_stands_behind_is_drawn_but_not_trained(self, start: Gop) -> None:
         bare = making.random_gop(np.random.default_rng(6), 9, (0, 0, 0))
         assert Field(start, "hybrid", BACKEND).backdrop(SIZE, SIZE) is None
         field = Field(start, "hybrid", BACKEND, bare)

@@ -12,8 +12,8 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_tor
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.tuned import EFFORT, STAGED
-from gsvrcodec.model.background import append_gaussians
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, sample
@@ -55,7 +55,7 @@ class TestFit:
             np.testing.assert_array_equal(getattr(one.gop, name), getattr(again.gop, name))
         assert not np.array_equal(one.gop.position, other.gop.position)
 
-    def test_a_background_is_not_part_of_it(self) -> None:
+    def test_what_is_kept_behind_is_not_part_of_it(self) -> None:
         film = moving_texture(3, (1, 0), SIZE)
         behind = fitted(
             footage(film[1:2]), FitOptions(deform="polynomial"), Allowance(300, None), gaussians=300
@@ -118,7 +118,7 @@ class TestMeanPsnr:
         values = [making.psnr(a, b) for a, b in zip(shots.frames, shown, strict=True)]
         assert mean_psnr(gop, shots, BACKEND) == pytest.approx(np.mean(values))
 
-    def test_the_background_is_behind(self) -> None:
+    def test_what_is_kept_is_behind(self) -> None:
         front, behind = (
             making.random_gop(np.random.default_rng(seed), 20, (0, 0, 0)) for seed in (1, 2)
         )

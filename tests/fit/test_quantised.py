@@ -10,7 +10,6 @@ import pytest
 
 from gsvrcodec.fit import quantised as module
 from gsvrcodec.fit.fitting import Allowance, fit_gop, mean_psnr
-from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import equal_slope_steps, usual_qscale
 from gsvrcodec.fit.quantised import Quantised, QuantisedFit, as_published, quantisable
@@ -34,7 +33,7 @@ def fit() -> QuantisedFit:
     shots = footage(sample(making.BUNNY_SMALL, SIZE, 4))
     options = FitOptions()
     found = fit_gop(shots, 250, (5, 4, 4), options, Allowance(400, None), BACKEND, seed=(0, 0))
-    return quantisable(found, shots, options, BACKEND, measure, seed=(0, 0))
+    return quantisable(found, options, BACKEND, measure, seed=(0, 0))
 
 
 def untuned(fit: QuantisedFit) -> QuantisedFit:
@@ -47,11 +46,6 @@ def test_it_is_a_candidate(fit: QuantisedFit) -> None:
     assert candidate.is_tuned
     assert not untuned(fit).is_tuned
     assert candidate.usual_qscale == usual_qscale(4 * 96 * 64, 250, fit.psnr)
-
-
-def test_a_picture_of_many_frames_is_stored_finely(fit: QuantisedFit) -> None:
-    shared = replace(fit, footage=Footage(fit.footage.frames, fit.footage.taus, shown=100))
-    assert shared.usual_qscale > 5 * fit.usual_qscale
 
 
 def test_size(fit: QuantisedFit) -> None:
@@ -72,7 +66,7 @@ class TestQuantised:
         stored = fit.quantised(2.0)
         assert stored.precision == equal_slope_steps(fit.sensitivities, 2.0)
         shown = dequantised(stored.gop, stored.precision)
-        assert stored.psnr == mean_psnr(shown, fit.footage, BACKEND)
+        assert stored.psnr == mean_psnr(shown, fit.fit.footage, BACKEND)
 
     def test_tuning_wins_back_a_part_of_the_loss(self, fit: QuantisedFit) -> None:
         qscale = 3 * fit.usual_qscale
@@ -113,8 +107,8 @@ class TestQuantised:
 
 
 def test_as_published(fit: QuantisedFit) -> None:
-    stored = as_published(fit.fit, fit.footage, BACKEND)
+    stored = as_published(fit.fit, BACKEND)
     assert stored.gop is fit.fit.gop
     assert stored.precision == PAPER_BITS
-    assert stored.psnr == mean_psnr(dequantised(stored.gop, PAPER_BITS), fit.footage, BACKEND)
+    assert stored.psnr == mean_psnr(dequantised(stored.gop, PAPER_BITS), fit.fit.footage, BACKEND)
     assert fit.psnr - 1 < stored.psnr <= fit.psnr + 0.1

@@ -33,7 +33,7 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     # The picture is met everywhere but in its lower right.
     wanted = shown.astype(np.uint8)
     wanted[:, 40:, 60:] = 255 - wanted[:, 40:, 60:]
-    order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1))
+    order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1), 0.1)
     after = field.gop()
     assert_finite(after)
     assert sorted(order) == list(range(400))
@@ -51,7 +51,7 @@ def test_a_moved_gaussian_follows_its_neighbours() -> None:
     frames = moving_texture(2, (0, 0), SIZE)
     field = started(frames, 200, "polynomial")
     field.raw["linear"].data[:] = 0.25
-    _, moved = relocate(field, frames, times(2), SIZE, np.random.default_rng(1))
+    _, moved = relocate(field, frames, times(2), SIZE, np.random.default_rng(1), 0.1)
     gop = field.gop()
     np.testing.assert_allclose(gop.linear[moved], 0.25)
     # The places were picked where the neighbours are at -1 or 1, inside the frame then.
@@ -63,6 +63,6 @@ def test_a_moved_gaussian_follows_its_neighbours() -> None:
 def test_any_number(gaussians: int) -> None:
     frames = moving_texture(1, (0, 0), (40, 30))
     field = started(frames, gaussians)
-    _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1))
+    _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1), 0.1)
     assert moved.sum() == gaussians // 10
     assert_finite(field.gop())

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
@@ -60,17 +59,3 @@ def test_threads_do_not_matter(gop: Gop) -> None:
     one, two = (measured(gop, threads=threads) for threads in (1, 2))
     for attribute in ATTRIBUTES:
         np.testing.assert_array_equal(getattr(one, attribute.name), getattr(two, attribute.name))
-
-
-def test_a_picture_counts_for_every_frame_that_shows_it(gop: Gop) -> None:
-    picture = footage(np.zeros((1, SIZE[1], SIZE[0], 3), np.uint8))
-    once, often = (
-        sensitivities(
-            Footage(picture.frames, picture.taus, shown=shown),
-            gop,
-            np.random.default_rng(0),
-            BACKEND,
-        )
-        for shown in (1, 24)
-    )
-    np.testing.assert_allclose(often.colour, 24 * once.colour, rtol=1e-5)

@@ -1,0 +1,188 @@
+"""Chains: each GOP is fitted to what a decoder has of the one before, and shares with the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from itertools import accumulate, pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.chain import ChainFrames, chain_jobs, shared_efforts
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.settings import EncodeSettings
+from tests.gops import assert_gops_equal, decode_all, make_chain, make_file
+
+LENGTHS = (3, 2, 1, 4)
+PAYLOADS = make_chain(LENGTHS)
+RESULTS = [EncodedGop(payload, 30.0, 31.0, 1.5) for payload in PAYLOADS]
+BUDGET = Budget(30)
+
+
+def ranges(lengths: Sequence[int]) -> list[range]:
+    return [range(*pair) for pair in pairwise(accumulate(lengths, initial=0))]
+
+
+def frames_of(lengths: Sequence[int] = LENGTHS) -> ChainFrames:
+    """Frames of which each is of one level, its number."""
+    gops = ranges(lengths)
+    return ChainFrames(
+        gops,
+        [np.stack([np.full((4, 6, 3), number, np.uint8) for number in gop]) for gop in gops],
+        [40 * np.arange(gop.start, gop.stop) for gop in gops],
+        [np.full(len(gop), 40) for gop in gops],
+    )
+
+
+def driven(
+    jobs: Generator[GopJob, EncodedGop, None], results: Sequence[EncodedGop]
+) -> list[GopJob]:
+    """Answer each job with the next result, and return the jobs."""
+    found = [next(jobs)]
+    for result in results:
+        try:
+            found.append(jobs.send(result))
+        except StopIteration:
+            break
+    return found
+
+
+def jobs_of(
+    budgets: Sequence[Budget] = (BUDGET,) * 4,
+    results: Sequence[EncodedGop] = RESULTS,
+    *,
+    finished: int = 0,
+    seconds: float | None = None,
+    **settings: Any,
+) -> list[GopJob]:
+    frames = frames_of([len(gop) for gop in ranges(LENGTHS)[: len(budgets)]])
+    chosen = EncodeSettings(**settings)
+    jobs = chain_jobs(frames, budgets, chosen, results[:finished], seconds)
+    return driven(jobs, results[finished:])
+
+
+class TestJobs:
+    def test_each_has_its_frames_and_times(self) -> None:
+        jobs = jobs_of()
+        for job, gop in zip(jobs, ranges(LENGTHS), strict=True):
+            assert job.first_frame == gop.start
+            assert job.frames[:, 0, 0, 0].tolist() == list(gop)
+            assert job.pts.tolist() == [40 * number for number in gop]
+            assert job.durations.tolist() == [40] * len(gop)
+            assert job.budget == BUDGET
+            assert job.seconds is None
+
+    def test_the_reference_is_what_a_decoder_has(self) -> None:
+        wholes = decode_all(make_file(PAYLOADS))
+        key, *predicted = jobs_of()
+        assert key.reference is None
+        for job, before in zip(predicted, wholes, strict=False):
+            assert job.reference is not None
+            assert_gops_equal(job.reference.gop, before.gop)
+            assert job.reference.first_frame == before.first_frame
+            assert job.reference.frames == len(before.pts)
+            assert job.reference.qscale == 1.5
+
+    @pytest.mark.parametrize("finished", [1, 2, 3])
+    def test_finished_gops_are_not_done_again(self, finished: int) -> None:
+        resumed, rest = jobs_of(finished=finished), jobs_of()[finished:]
+        assert [job.first_frame for job in resumed] == [job.first_frame for job in rest]
+        for job, same in zip(resumed, rest, strict=True):
+            assert job.reference is not None
+            assert same.reference is not None
+            assert_gops_equal(job.reference.gop, same.reference.gop)
+            assert (job.budget, job.effort) == (same.budget, same.effort)
+
+    def test_without_prediction_there_is_no_reference(self) -> None:
+        for settings in ({"keyint": 0}, {"profile": "paper"}):
+            assert [job.reference for job in jobs_of(**settings)] == [None] * 4
+
+    def test_frames_are_let_go(self) -> None:
+        frames = frames_of()
+        jobs = chain_jobs(frames, [BUDGET] * 4, EncodeSettings(), [], None)
+        next(jobs)
+        jobs.send(RESULTS[0])
+        assert [pictures.size > 0 for pictures in frames.pictures] == [False, False, True, True]
+
+
+class TestBytes:
+    SIZES = tuple(map(len, PAYLOADS))
+
+    def targets(self, *targets: int, finished: int = 0) -> list[int]:
+        jobs = jobs_of([Budget(30, target) for target in targets], finished=finished)
+        return [job.budget.target_bytes or 0 for job in jobs]
+
+    def test_what_is_left_goes_on(self) -> None:
+        first, second = self.SIZES[:2]
+        found = self.targets(first + 700, second, second, 2 * second)
+        assert found[:2] == [first + 700, second + 700 // 4]
+        left = 700 + 3 * second  # the second one has taken what was planned
+        assert found[2:] == [left // 3, left - self.SIZES[2]]
+
+    def test_what_is_over_is_saved(self) -> None:
+        first, second = self.SIZES[:2]
+        found = self.targets(first - 300, second, second)
+        assert found == [first - 300, second - 150, second - 300]
+
+    def test_there_is_always_something(self) -> None:
+        assert self.targets(10, 10, 10) == [10, 1, 1]
+
+    def test_finished_gops_count(self) -> None:
+        first, second = self.SIZES[:2]
+        planned = (first + 700, second, second)
+        assert self.targets(*planned, finished=2) == self.targets(*planned)[2:]
+
+
+class TestQuality:
+    def gaussians(self, float_psnr: float) -> list[int]:
+        results = [EncodedGop(payload, 30.0, float_psnr, 1.0) for payload in PAYLOADS]
+        jobs = jobs_of([Budget(80, target_psnr=30.0)] * 3, results)
+        return [job.budget.gaussians for job in jobs]
+
+    def test_a_gop_begins_with_the_gaussians_of_its_reference(self) -> None:
+        counts = [len(whole.gop) for whole in decode_all(make_file(PAYLOADS))]
+        low, sensible, high = (self.gaussians(psnr) for psnr in (25.0, 30.7, 40.0))
+        assert low[0] == sensible[0] == high[0] == 80
+        assert sensible[1:] == counts[:2]
+        assert low[1] > counts[0] > high[1]
+
+    def test_the_quality_stays(self) -> None:
+        jobs = jobs_of([Budget(80, target_psnr=30.0)] * 3)
+        assert {job.budget.target_psnr for job in jobs} == {30.0}
+
+
+class TestTime:
+    def test_what_is_left_is_shared_by_frames_and_effort(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        now = 100.0
+        monkeypatch.setattr("time.perf_counter", lambda: now)
+        efforts = shared_efforts(LENGTHS)
+        weights = [length * effort for length, effort in zip(LENGTHS, efforts, strict=True)]
+        jobs = chain_jobs(frames_of(), [BUDGET] * 4, EncodeSettings(), [], 60.0)
+        assert next(jobs).seconds == pytest.approx(60 * weights[0] / sum(weights))
+        now = 140.0  # the first GOP took long
+        assert jobs.send(RESULTS[0]).seconds == pytest.approx(20 * weights[1] / sum(weights[1:]))
+        now = 999.0
+        assert jobs.send(RESULTS[1]).seconds == 0
+
+    def test_finished_gops_take_none(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("time.perf_counter", lambda: 7.0)
+        jobs = jobs_of(finished=2, seconds=10.0)
+        # The clock stands still, so the last GOP gets all of it.
+        assert [job.seconds for job in jobs] == pytest.approx([10 / 5, 10])
+
+
+class TestEfforts:
+    @pytest.mark.parametrize("lengths", [(5,), (5, 5), (16, 16, 16, 9), (1, 30)])
+    def test_one_in_the_mean_of_all_frames(self, lengths: tuple[int, ...]) -> None:
+        efforts = shared_efforts(lengths)
+        assert np.average(efforts, weights=lengths) == pytest.approx(1)
+        assert len(set(efforts[1:])) <= 1
+        if len(lengths) > 1:
+            assert efforts[0] > 1.2 * efforts[1]
+
+    def test_jobs_have_them(self) -> None:
+        assert [job.effort for job in jobs_of()] == shared_efforts(LENGTHS)
