@@ -33,8 +33,8 @@ def carried_of(fit: Fit, gop: Gop, precision: Precision) -> Carried | None:
     values["rotation"] = (values["rotation"] + half) % np.pi - half
 
     def rounds_to_nothing(name: str, value: Float32Array) -> NDArray[np.bool_]:
-        codes = np.rint(value.reshape(len(gop), -1) / np.array(precision[name]))
-        return np.asarray(~codes.any(axis=1))
+        columns = value if value.ndim > 1 else value[:, None]
+        return np.asarray(~np.rint(columns / np.array(precision[name])).any(axis=1))
 
     changed = ~np.logical_and.reduce([rounds_to_nothing(n, v) for n, v in values.items()])
     moving = {"linear": gop.linear, "quadratic": gop.quadratic, "indicator": 1 - gop.indicator}
