@@ -14,6 +14,7 @@ import gsvrcodec
 from gsvrcodec.encoder.encode import EncodeResult, Progress
 from gsvrcodec.errors import InputError, NotAVideoError, OutputError, UsageError
 from gsvrcodec.report.compare import report
+from gsvrcodec.report.inspect import inspect
 from gsvrcodec.video import open_video
 from tests import making
 
@@ -64,12 +65,14 @@ class TestRealClips:
 
 class TestSettings:
     @pytest.mark.parametrize("params", [6_000, 60_000])
-    def test_params_bound_what_is_stored(self, params: int, tmp_path: Path) -> None:
-        from gsvrcodec.report.inspect import inspect
+    def test_params_bound_what_key_gops_store(self, params: int, tmp_path: Path) -> None:
+        quick(making.NOISE, tmp_path / "a.gsvr", params=params, gop=10, keyint=0)
+        assert 0.98 * params < inspect(tmp_path / "a.gsvr").parameters <= params
 
-        quick(making.NOISE, tmp_path / "a.gsvr", params=params)
-        stored = inspect(tmp_path / "a.gsvr").to_dict()["parameters"]
-        assert 0.98 * params < stored <= params
+    @pytest.mark.parametrize("params", [6_000, 60_000])
+    def test_what_predicted_gops_store_is_foreseen(self, params: int, tmp_path: Path) -> None:
+        quick(making.NOISE, tmp_path / "a.gsvr", params=params, gop=10)
+        assert 0.6 * params < inspect(tmp_path / "a.gsvr").parameters < 1.4 * params
 
     def test_too_few_params_fail(self, tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="raise `params`"):
@@ -77,8 +80,12 @@ class TestSettings:
         assert not list(tmp_path.iterdir())
 
     def test_gaussians_and_fixed_gops(self, tmp_path: Path) -> None:
-        result = quick(making.NOISE, tmp_path / "a.gsvr", gaussians=30, gop=7, frames=16)
+        settings: dict[str, Any] = {"gaussians": 30, "gop": 7, "frames": 16}
+        result = quick(making.NOISE, tmp_path / "a.gsvr", keyint=0, **settings)
         assert (result.frames, result.gops, result.gaussians) == (16, 3, 90)
+        result = quick(making.NOISE, tmp_path / "b.gsvr", **settings)
+        assert [gop.gaussians for gop in result.gop_stats] == [30, 30, 30]
+        assert result.gaussians == 90
 
     def test_crop_and_range(self, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"
@@ -133,16 +140,13 @@ class TestProgress:
     def test_is_called_before_the_first_gop_and_after_each(self, tmp_path: Path) -> None:
         calls: list[Progress] = []
         result = quick(making.NOISE, tmp_path / "a.gsvr", gop=8, progress=calls.append)
-        assert [(call.gop, call.gops) for call in calls] == [(n, 3) for n in (0, 0, 1, 2, 3)]
-        assert [(call.background, call.backgrounds) for call in calls] == [
-            (n, 1) for n in (0, 1, 1, 1, 1)
-        ]
-        assert [call.frames_done for call in calls] == [0, 0, 8, 16, 20]
+        assert [(call.gop, call.gops) for call in calls] == [(n, 3) for n in range(4)]
+        assert [call.frames_done for call in calls] == [0, 8, 16, 20]
         assert {call.frames for call in calls} == {20}
         assert calls[0].psnr is calls[0].seconds_per_frame is calls[0].eta_seconds is None
         assert calls[-1].psnr == pytest.approx(result.psnr)
         assert calls[-1].eta_seconds == 0
-        assert all(call.seconds_per_frame for call in calls[2:])
+        assert all(call.seconds_per_frame for call in calls[1:])
 
     def test_an_interrupted_encode_leaves_its_parts(self, tmp_path: Path) -> None:
         def interrupt(state: Progress) -> None:
@@ -176,6 +180,10 @@ class TestStats:
         assert first.frames + second.frames == 16
         assert first.cut
         assert second.cut
+        assert first.key
+        assert second.key
+        assert (result.gops, result.key_gops) == (2, 2)
+        assert first.qscale
         assert first.motion > 0
         assert sum(gop.gaussians for gop in result.gop_stats) == result.gaussians
         size = sum(gop.bytes for gop in result.gop_stats)

@@ -14,8 +14,11 @@ from gsvrcodec.encoder.encode import EncodeResult, Progress
 from gsvrcodec.errors import OutputError, VerificationError
 from tests import making
 
-#: Four GOPs.
-SETTINGS: dict[str, Any] = {"gop": 3, "gaussians": 40, "frames": 11, "pack": "deflate"}
+#: Two chains of two GOPs.
+SETTINGS: dict[str, Any] = {
+    **{"gop": 3, "keyint": 0.4, "frames": 11},
+    **{"gaussians": 40, "pack": "deflate"},
+}
 
 
 def quick(source: Path, target: Path, **settings: Any) -> EncodeResult:
@@ -53,6 +56,7 @@ class TestWorkersAndResume:
             making.NOISE, tmp_path / "a.gsvr", workers=2, progress=calls.append, **SETTINGS
         )
         assert (tmp_path / "a.gsvr").read_bytes() == whole
+        assert [gop.key for gop in result.gop_stats] == [True, False, True, False]
         assert [call.gop for call in calls] == [0, 1, 2, 3, 4]
         assert calls[-1].psnr == pytest.approx(result.psnr)
 
@@ -106,11 +110,11 @@ class TestWorkersAndResume:
             quick(source, target, resume=True, **SETTINGS)
 
     def test_time_budget_with_workers(self, tmp_path: Path) -> None:
-        settings: dict[str, Any] = {"time_budget": 0.2, "gop": 4, "workers": 2, "threads": 2}
-        settings |= {"frames": 8, "pack": "deflate"}
+        settings: dict[str, Any] = {"time_budget": 0.2, "gop": 2, "workers": 2, "threads": 2}
+        settings |= {"frames": 8, "keyint": 0.27, "pack": "deflate"}
         result = gsvrcodec.encode(making.NOISE, tmp_path / "a.gsvr", **settings)
         assert result.psnr > 15
-        assert len(result.gop_stats) == 2
+        assert (result.gops, result.key_gops) == (4, 2)
 
 
 class TestVerify:
@@ -132,7 +136,7 @@ class TestVerify:
                 changed[16] += 1  # the first timestamp
                 changed[24] += 1  # the last one, of the same frame
             elif what == "damage":
-                changed[60] ^= 255
+                changed[78] ^= 255  # component of the first plane
             else:
                 changed[-1] ^= 255
             return add_gop(writer, bytes(changed))
