@@ -73,7 +73,7 @@ ONLY_IN = {
     ("render", "torch"): {"reference.py", "device.py", "backend.py", "native.py", *_TRITON},
     ("render", "triton"): _TRITON,
     ("decoder", "video"): {"export.py"},
-    ("encoder", "cv2"): {"analysis.py", "background.py"},
+    ("encoder", "cv2"): {"analysis.py"},
     ("encoder", "decoder"): {"verify.py"},
     ("report", "matplotlib"): {"plot.py"},
     ("fit", "torchvision"): {"flow.py"},

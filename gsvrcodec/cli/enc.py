@@ -37,7 +37,7 @@ _GROUPS = {
     "Sound and subtitles": ("audio", "subtitles"),
     "Output": ("overwrite", "resume", "verify", "stats", "progress", "quiet"),
     "Model": (
-        *("gop", "gop_min", "gop_max", "backgrounds", "profile"),
+        *("gop", "gop_min", "gop_max", "keyint", "profile"),
         *("deform", "flow", "qat", "pack", "seed"),
     ),
     "General": ("version", "help"),

@@ -282,11 +282,9 @@ class TestProgress:
     def test_plain_lines(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeDisplay() as display:
             display(Progress(0, 6, 0, 132, None, None, None))
-            display(Progress(0, 6, 0, 132, None, None, None, 0, 1))
-            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 1))
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9))
         assert capsys.readouterr().err.splitlines() == [
             "GOP 0/6  0/132 frames",
-            "background 0/1  GOP 0/6  0/132 frames",
             "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
         ]
 
@@ -304,8 +302,6 @@ class TestProgress:
             "psnr": 36.208,
             "seconds_per_frame": 1.07,
             "eta_seconds": 89.9,
-            "background": 0,
-            "backgrounds": 0,
         }
         assert second == {"event": "done", "path": "a.gsvr"}
 

@@ -166,7 +166,7 @@ class TestPictures:
         assert (info.width, info.height) == (96, 64)
 
     def test_layers(self, cli: Runner, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "background.gsvr", one_shot=True)
+        path = making.gsvr_file(tmp_path / "shot.gsvr", one_shot=True)
         sums = {
             cli("gsvrdec", path, "--muxer", "md5", "--layers", layers).out
             for layers in ("all", "dynamic", "static")

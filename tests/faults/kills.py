@@ -13,9 +13,9 @@ from pathlib import Path
 from tests import making
 from tests.cli.tools import start
 
-#: Five GOPs, which take about as long as the libraries take to load.
+#: Three chains of two GOPs, which take about as long as the libraries take to load.
 OPTIONS = (
-    *("-q", "--gop", "4", "--gaussians", "200", "--preset", "fast"),
+    *("-q", "--gop", "4", "--keyint", "0.5", "--gaussians", "200", "--preset", "fast"),
     *("--pack", "deflate", "--threads", "2"),
 )
 
