@@ -33,8 +33,9 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Runner:
 
 
 def slow_encode(target: Path, *options: str) -> subprocess.Popen[bytes]:
-    """Start an encode of ten GOPs, and wait for its first GOP."""
-    options = ("--gop", "2", "--gaussians", "300", "--preset", "slow", *options)
+    """Start an encode of four chains of three GOPs, and wait for its first GOP."""
+    options = ("--gop", "2", "--keyint", "0.4", "--gaussians", "300", *options)
+    options = ("--preset", "slow", *options)
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = start("gsvrenc", making.NOISE, target, "--progress", "json", *options, **pipes)
     assert process.stdout is not None
