@@ -17,6 +17,7 @@ if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
 pytest.importorskip("triton", reason="Triton is not installed; pip install 'gsvrcodec[gpu]'")
 
+from gsvrcodec.bitstream.gop_chain import WholeGop
 from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
@@ -25,6 +26,7 @@ from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.time import Ticks
 from gsvrcodec.render import backend_on
 from gsvrcodec.render import triton as gpu
 from gsvrcodec.render.triton import launch
@@ -135,7 +137,7 @@ def test_not_finite_is_not_drawn(value: float) -> None:
 
 
 def test_pictures_are_tensors() -> None:
-    """What the decoder makes on a GPU, also where one GOP fades into the next."""
+    """What the decoder makes on a GPU, also where one GOP fades into the next or goes on in it."""
     options: dict[str, Any] = {
         "coded_size": (9, 7),
         "size": (9, 7),
@@ -144,21 +146,25 @@ def test_pictures_are_tensors() -> None:
     }
     arrays = PictureMaker(**options, backend=backend_on("cpu", 1))
     tensors = PictureMaker(**options, backend=gpu.TritonBackend(PLACE), tensors=True)
+    gops = [examples.random_gop(3, grid=(0, 0, 0), seed=seed) for seed in range(3)]
+    wholes: list[tuple[Gop, int, Ticks, tuple[Any, ...]]] = [
+        (gops[0], 0, np.array([0, 1]), ()),
+        (gops[1], 2, np.array([4, 5]), ()),
+        (gops[2], 4, np.array([7, 9]), (1, np.array([True, False, True]))),
+    ]
     made = []
     for maker in arrays, tensors:
-        first, second = (
+        first, second, predicted = (
             ReadyGop(
-                maker.prepare(examples.random_gop(3, grid=(0, 0, 0), seed=start)),
-                start,
-                pts,
-                np.ones_like(pts),
+                maker.prepare(gop), position, WholeGop(gop, start, pts, np.ones_like(pts), *before)
             )
-            for start, pts in ((0, np.array([0, 1])), (2, np.array([4, 5])))
+            for position, (gop, start, pts, before) in enumerate(wholes)
         )
-        pictures = maker.empty(3, (9, 7))
-        assert pictures.shape == (3, 7, 9, 3)
+        pictures = maker.empty(4, (9, 7))
+        assert pictures.shape == (4, 7, 9, 3)
         maker.frames(first, np.array([1, 0]), (9, 7), pictures[:2])
-        maker.fade(first, second, [Fraction(2)], (9, 7), pictures[2:])
+        maker.between(first, second, [Fraction(2)], (9, 7), pictures[2:3])
+        maker.between(second, predicted, [Fraction(6)], (9, 7), pictures[3:])
         made.append(pictures)
     assert isinstance(made[1], torch.Tensor)
     np.testing.assert_allclose(made[1].numpy(force=True).astype(int), made[0], atol=1)
