@@ -1,0 +1,196 @@
+"""The anchor: what a predicted fit stores, and the Gaussians that this stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.prediction import (
+    CHANGED,
+    MOVED,
+    Carried,
+    Look,
+    carry_over,
+    last_look,
+    start_of_motion,
+)
+from gsvrcodec.model.static import select_gaussians
+from gsvrcodec.render.reference import render
+from tests import making
+from tests.fit.synthetic import BACKEND
+from tests.gops import make_gop
+
+SIZE = (37, 26)
+FRAMES = 5
+
+
+def small(gaussians: int, seed: int) -> Gop:
+    """Changes and motions of usual size."""
+    gop = making.random_gop(np.random.default_rng(seed), gaussians)
+    return replace(gop, **{name: 0.1 * getattr(gop, name) for name in LOOK})
+
+
+def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
+    """A reference of FRAMES frames, an anchor of some of its Gaussians, and stored values."""
+    reference = make_gop(30, (4, 3, 5), seed=2)
+    source = np.sort(np.random.default_rng(3).permutation(30)[:carried])
+    none = Look(*(np.zeros((new, *s), np.float32) for s in ((2,), (2,), (), (3,))))
+    look = last_look(reference, FRAMES)[source]
+    look = Look(*(np.concatenate([getattr(a, n) for a in (look, none)]) for n in LOOK))
+    anchor = Anchor(start_of_motion(FRAMES), look, np.append(source, np.full(new, -1)))
+    return reference, anchor, small(carried + new, 4)
+
+
+class TestGop:
+    def test_gop_and_stored_undo_each_other(self) -> None:
+        _, anchor, stored = example()
+        drawn = anchor.gop(stored)
+        again, once_more = anchor.stored(drawn), anchor.gop(anchor.stored(drawn))
+        for name in Gop.__slots__:
+            np.testing.assert_allclose(getattr(again, name), getattr(stored, name), atol=2e-6)
+            np.testing.assert_allclose(getattr(once_more, name), getattr(drawn, name), atol=2e-6)
+        for name in LOOK:
+            assert not np.allclose(getattr(drawn, name)[:20], getattr(stored, name)[:20], atol=0.1)
+
+    def test_new_gaussians_are_stored_as_they_are(self) -> None:
+        _, anchor, stored = example()
+        drawn = anchor.gop(stored)
+        for name in LOOK:
+            np.testing.assert_array_equal(getattr(drawn, name)[20:], getattr(stored, name)[20:])
+
+    @pytest.mark.parametrize("frames", [1, 2, 9])
+    def test_it_is_what_a_decoder_carries_over(self, frames: int) -> None:
+        reference, anchor, stored = example(new=0)
+        anchor.start = start_of_motion(frames)
+        mode = np.full(30, 4, np.uint8)
+        mode[anchor.source] = MOVED | CHANGED
+        carried = Carried(mode, **{name: getattr(stored, name) for name in Carried.__slots__[1:]})
+        decoded = carry_over(reference, (FRAMES, frames), carried, make_gop(0))
+        drawn = anchor.gop(stored)
+        for name in {*Gop.__slots__} - {"xy", "xt", "yt"}:
+            np.testing.assert_allclose(getattr(decoded, name), getattr(drawn, name), atol=2e-6)
+
+    def test_at_the_start_there_is_the_change_alone(self) -> None:
+        _, anchor, stored = example(new=0)
+        drawn = anchor.gop(stored)
+        place = drawn.position + anchor.start * drawn.linear + anchor.start**2 * drawn.quadratic
+        np.testing.assert_allclose(place, anchor.look.position + stored.position, atol=2e-6)
+
+
+class TestGaussians:
+    def test_released_ones_are_new(self) -> None:
+        _, anchor, stored = example()
+        anchor.release(np.array([0, 7]))
+        assert (~anchor.carried).sum() == 8 + 2
+        drawn = anchor.gop(stored)
+        for name in LOOK:
+            for n in (0, 7):
+                np.testing.assert_array_equal(getattr(drawn, name)[n], getattr(stored, name)[n])
+
+    def test_another_order(self) -> None:
+        _, anchor, stored = example()
+        order = np.random.default_rng(1).permutation(28)
+        before = anchor.gop(stored)
+        sources = anchor.source.copy()
+        anchor.rearrange(order)
+        after = anchor.gop(select_gaussians(stored, order))
+        np.testing.assert_array_equal(anchor.source, sources[order])
+        for name in LOOK:
+            np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[order])
+
+    def test_a_copy_is_one(self) -> None:
+        _, anchor, _ = example()
+        copy = anchor.copy()
+        copy.release(np.arange(5))
+        assert anchor.carried[:5].all()
+        assert anchor.look.colour[:5].any()
+
+
+class TestField:
+    def test_it_begins_with_what_is_stored(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        drawn = anchor.gop(stored)
+        for name in {*Gop.__slots__} - {"indicator"}:
+            np.testing.assert_allclose(getattr(field.gop(), name), getattr(drawn, name), atol=2e-6)
+            np.testing.assert_allclose(
+                getattr(field.stored(), name), getattr(stored, name), atol=4e-6
+            )
+        np.testing.assert_array_equal(field.carried.numpy()[:, 0], [1] * 20 + [0] * 8)
+
+    @pytest.mark.parametrize("tau", [-1.0, 0.4])
+    def test_gradients_are_those_of_the_reference_renderer(self, tau: float) -> None:
+        """Of the error in what is stored: changes move a picture as the values themselves do."""
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        picture = np.random.default_rng(2).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
+        loss = squared_error(BACKEND, field.tensors(), tau, picture, SIZE)
+        ours = torch.autograd.grad(loss, list(field.raw.values()))
+
+        # The anchor's equations again, in binary64 and by themselves.
+        raw = {name: tensor.detach().double() for name, tensor in field.raw.items()}
+        leaves = {name: tensor.requires_grad_() for name, tensor in raw.items()}
+        exact = leaves | {"indicator": torch.sigmoid(leaves["indicator"])}
+        for name in LOOK:
+            exact[name] = exact[name] + torch.from_numpy(getattr(anchor.look, name)).double()
+        way = anchor.start * leaves["linear"] + anchor.start**2 * leaves["quadratic"]
+        exact["position"] = exact["position"] - torch.from_numpy(anchor.carried)[:, None] * way
+        frame = render({name: exact[name] for name in Gop.__slots__}, tau, SIZE, SIZE)
+        shown = frame + (frame.clamp(0, 1) - frame).detach()  # the gradient passes the clamp
+        reference = (shown - torch.from_numpy(picture) / 255).square().mean()
+        theirs = torch.autograd.grad(reference, list(leaves.values()))
+
+        assert loss.item() == pytest.approx(reference.item(), rel=1e-4)
+        for name, one, other in zip(field.raw, ours, theirs, strict=True):
+            error = (one.double() - other).norm() / other.norm().clamp(min=1e-12)
+            assert error < 1e-3, name
+
+    def test_renewed_gaussians_are_new_and_as_others_are(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        before = field.gop()
+        chosen, like = np.array([1, 2]), np.array([5, 9])
+        field.renew(chosen, like, colour=np.zeros((2, 3), np.float32))
+        after = field.gop()
+        assert not field.carried.numpy()[chosen].any()
+        assert not after.colour[chosen].any()
+        assert field.anchor is not None
+        assert (field.anchor.source[chosen] == -1).all()
+        for name in ("log_scale", "rotation", "linear", "quadratic", "position"):
+            np.testing.assert_allclose(
+                getattr(after, name)[chosen], getattr(before, name)[like], atol=2e-6
+            )
+        rest = np.setdiff1d(np.arange(28), chosen)
+        np.testing.assert_array_equal(after.position[rest], before.position[rest])
+        assert anchor.carried[chosen].all()  # the anchor given is left alone
+
+    def test_frozen_looks_are_held(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        frozen = np.arange(28) % 3 == 0
+        field.freeze(frozen)
+        for tensor in field.raw.values():
+            tensor.grad = torch.ones_like(tensor)
+        field.hold()
+        for name, tensor in field.raw.items():
+            assert tensor.grad is not None
+            held = tensor.grad.numpy() == 0
+            if name in LOOK:
+                np.testing.assert_array_equal(held.reshape(28, -1).any(axis=1), frozen)
+            else:
+                assert not held.any()
+
+    def test_another_order_is_the_same_picture(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        before = field.gop()
+        order = np.random.default_rng(0).permutation(28)
+        field.rearrange(order)
+        for name in LOOK:
+            np.testing.assert_array_equal(getattr(field.gop(), name), getattr(before, name)[order])
