@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,8 +14,9 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.jobs import GopJob, encode_gop
+from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference, encode_gop
 from gsvrcodec.encoder.settings import Pack
+from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.options import Deform
 from tests import making
 from tests.fit.synthetic import (
@@ -27,6 +29,7 @@ from tests.fit.synthetic import (
     unpacked,
 )
 
+SIZE = (96, 64)
 SHAPES = [(1, 1, 1), (1, 33, 47), (2, 1, 9), (3, 7, 1), (2, 135, 241), (5, 2, 3)]
 
 
@@ -101,6 +104,95 @@ class TestTargets:
             encode_gop(gop_job(frames, Budget(300, target_bytes=size))) for size in (3000, 6000)
         )
         assert large.psnr > small.psnr + 0.5
+
+
+@pytest.fixture(scope="module")
+def key() -> tuple[GopJob, EncodedGop]:
+    """A key GOP of four frames of a texture that moves slowly."""
+    job = gop_job(moving_texture(4, (0.5, 0), SIZE), 200, first_frame=3)
+    return job, encode_gop(job)
+
+
+def following(
+    key: tuple[GopJob, EncodedGop],
+    frames: Frames,
+    budget: Budget | int = 200,
+    *,
+    frames_of_reference: int = 4,
+    **settings: Any,
+) -> GopJob:
+    """The job of the GOP that is predicted from the key GOP."""
+    job, done = key
+    assert done.qscale is not None
+    reference = Reference(decoded(done, job), 3, frames_of_reference, done.qscale)
+    return replace(gop_job(frames, budget, first_frame=7, **settings), reference=reference)
+
+
+class TestPredicted:
+    GOES_ON = moving_texture(8, (0.5, 0), SIZE)[4:]
+    STANDS = np.repeat(moving_texture(4, (0.5, 0), SIZE)[3:], 4, axis=0)
+
+    @pytest.mark.parametrize(
+        ("frames", "frames_of_reference"), [(4, 4), (1, 4), (2, 4), (4, 1), (1, 1)]
+    )
+    def test_decodes_to_what_was_said(
+        self, key: tuple[GopJob, EncodedGop], frames: int, frames_of_reference: int
+    ) -> None:
+        job = following(key, self.GOES_ON[:frames], frames_of_reference=frames_of_reference)
+        done = encode_gop(job)
+        content = unpacked(done, job)
+        assert (content.first_frame, content.reference) == (7, 4)
+        assert content.carried is not None
+        assert len(content.carried.mode) == 200
+        assert content.carried.kept + len(content.new) == 200
+        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
+        assert done.qscale == job.reference.qscale  # type: ignore[union-attr]
+        assert done.float_psnr - done.psnr < 1
+
+    @pytest.mark.parametrize("deform", get_args(Deform))
+    def test_every_deformation(self, key: tuple[GopJob, EncodedGop], deform: Deform) -> None:
+        job = following(key, moving_texture(4, (2, 1), SIZE), deform=deform)
+        done = encode_gop(job)
+        assert_finite(decoded(done, job))
+        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
+        assert done.psnr > 17
+
+    def test_what_stands_still_takes_few_bytes(self, key: tuple[GopJob, EncodedGop]) -> None:
+        still, moved, other = (
+            encode_gop(following(key, frames))
+            for frames in (self.STANDS, self.GOES_ON, 255 - self.GOES_ON)
+        )
+        size = len(key[1].payload)
+        assert len(still.payload) < 0.35 * size
+        assert len(still.payload) < len(moved.payload) < len(other.payload) < 1.3 * size
+
+    @pytest.mark.parametrize("share", [0.3, 0.9])
+    def test_size(self, key: tuple[GopJob, EncodedGop], share: float) -> None:
+        size = int(share * len(key[1].payload))
+        job = following(key, self.GOES_ON, Budget(200, target_bytes=size))
+        done = encode_gop(job)
+        assert 0.9 * size <= len(done.payload) <= 1.02 * size
+        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
+
+    def test_quality(self, key: tuple[GopJob, EncodedGop]) -> None:
+        whole = encode_gop(following(key, self.GOES_ON))
+        wanted = whole.float_psnr - 1.0
+        done = encode_gop(following(key, self.GOES_ON, Budget(200, target_psnr=wanted)))
+        assert done.psnr == pytest.approx(wanted, abs=0.15)
+
+    def test_it_depends_on_its_job_alone(self, key: tuple[GopJob, EncodedGop]) -> None:
+        job = following(key, self.GOES_ON)
+        first = encode_gop(job).payload
+        for threads in (1, 2):
+            settings = replace(job.settings, threads=threads)
+            again = pickle.loads(pickle.dumps(replace(job, settings=settings)))
+            assert encode_gop(again).payload == first
+        seeded = replace(job, settings=replace(job.settings, seed=1))
+        assert encode_gop(seeded).payload != first
+
+    def test_no_time_left(self, key: tuple[GopJob, EncodedGop]) -> None:
+        job = replace(following(key, self.GOES_ON), seconds=0.0)
+        assert_finite(decoded(encode_gop(job), job))
 
 
 class TestEverySize:

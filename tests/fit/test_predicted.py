@@ -166,7 +166,7 @@ class TestKept:
         # Some are replaced by new ones.
         assert (~anchor.carried).sum() >= int(PREDICTION.renewed_first * len(fit.gop)) > 0
 
-    def test_it_costs_more_to_be_fitted_at_a_high_qscale(self, key: Key) -> None:
+    def test_more_is_kept_at_a_high_qscale(self, key: Key) -> None:
         counts = []
         for qscale in (0.3, 3.0):
             other = replace(key, reference=replace(key.reference, qscale=qscale))

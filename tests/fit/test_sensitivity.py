@@ -14,6 +14,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.native import NativeBackend
 from tests import making
 from tests.fit.synthetic import BACKEND, footage, times
+from tests.fit.test_anchor import example
 
 SIZE = (96, 64)
 
@@ -59,3 +60,35 @@ def test_threads_do_not_matter(gop: Gop) -> None:
     one, two = (measured(gop, threads=threads) for threads in (1, 2))
     for attribute in ATTRIBUTES:
         np.testing.assert_array_equal(getattr(one, attribute.name), getattr(two, attribute.name))
+
+
+def test_of_what_an_anchor_makes_relative() -> None:
+    """The motion of a carried Gaussian moves its position too; that of a new one does not."""
+    _, anchor, stored = example()
+    shots = footage(np.zeros((3, SIZE[1], SIZE[0], 3), np.uint8))
+    drawn = anchor.gop(stored)
+    plain, found = (
+        sensitivities(shots, drawn, np.random.default_rng(0), BACKEND, one)
+        for one in (None, anchor)
+    )
+    for name in {*Gop.__slots__} - {"linear", "quadratic"}:
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+    new = ~anchor.carried
+    np.testing.assert_array_equal(found.linear[new], plain.linear[new])
+
+    def seen(name: str) -> float:
+        """Squared error of random changes of the motion of carried Gaussians, by one."""
+        errors, size = [], 0.02
+        for seed in range(6):
+            draw = np.random.default_rng(seed)
+            values = getattr(stored, name)
+            sign = (2 * draw.integers(0, 2, values.shape) - 1) * anchor.carried[:, None]
+            moved = replace(stored, **{name: (values + size * sign).astype(np.float32)})
+            apart = pictures(anchor.gop(moved), times(3)) - pictures(drawn, times(3))
+            errors.append(np.square(apart).sum() / 3 / size**2)
+        return float(np.mean(errors))
+
+    for name in ("linear", "quadratic"):
+        foreseen = float(getattr(found, name)[anchor.carried].sum(dtype=np.float64))
+        assert seen(name) == pytest.approx(foreseen, rel=0.5)
+        assert foreseen > 2 * float(getattr(plain, name)[anchor.carried].sum(dtype=np.float64))

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.recipe import MAIN
-from gsvrcodec.fit.staged import quantise_in_stages
+from gsvrcodec.fit.staged import quantise_in_stages, unchanged
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.attributes import ATTRIBUTES
@@ -20,6 +21,7 @@ from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Steps, dequantised
 from gsvrcodec.render import render_frames
 from tests.fit.synthetic import BACKEND, footage, moving_texture, times
+from tests.fit.test_anchor import example
 
 SIZE = (96, 64)
 COARSE = {"position": 0.004, "log_scale": 0.1, "rotation": np.pi / 40, "colour": 0.02}
@@ -77,3 +79,30 @@ def test_time_ends_it() -> None:
     rng = np.random.default_rng(1)
     result = quantise_in_stages(gop, STEPS, footage(frames), MAIN, 10**9, 0.1, rng, BACKEND)
     assert (result.colour != gop.colour).any()
+
+
+class TestAnchored:
+    def staged(self, gop: Gop, anchor: Anchor) -> Gop:
+        shots = footage(moving_texture(5, (1, 0), SIZE))
+        rng = np.random.default_rng(1)
+        return quantise_in_stages(gop, STEPS, shots, MAIN, 30, None, rng, BACKEND, anchor=anchor)
+
+    def test_what_is_unchanged_stays_so(self) -> None:
+        _, anchor, gop = example()
+        none = np.arange(28) % 2 == 0
+        for name in LOOK:
+            getattr(gop, name)[none] = 0
+        np.testing.assert_array_equal(unchanged(gop), none)
+        result = self.staged(gop, anchor)
+        held = none & anchor.carried
+        for name in LOOK:
+            # Away from the anchor's values and back costs a rounding of binary32.
+            np.testing.assert_allclose(getattr(result, name)[held], 0, atol=2e-6)
+            assert getattr(result, name)[~held].reshape((~held).sum(), -1).any(axis=1).all()
+
+    def test_changes_are_rounded(self) -> None:
+        _, anchor, gop = example()
+        result = self.staged(gop, anchor)
+        codes = result.position / np.float32(COARSE["position"])
+        np.testing.assert_allclose(codes, np.rint(codes), atol=2e-3)
+        assert np.abs(result.colour - gop.colour).max() > 1e-4

@@ -1,4 +1,4 @@
-"""Gaussians whose motion is not worth its bits are static, in the file too."""
+"""What is not worth its bits: motion that hardly moves, changes that hardly change."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.precision import equal_slope_steps
-from gsvrcodec.fit.static import with_static
+from gsvrcodec.fit.static import with_static, with_unchanged
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import dequantised
 from tests.render.examples import random_gop
@@ -53,3 +54,49 @@ def test_they_are_exactly_static_once_decoded(qscale: float) -> None:
     assert (decoded.indicator[:20] == 1).all()
     assert not decoded.linear[:20].any()
     assert not decoded.quadratic[:20].any()
+
+
+class TestUnchanged:
+    """Ten Gaussians change much, ten a little, ten not at all; the last ten are new."""
+
+    CARRIED = np.arange(40) < 30
+
+    def changed(self) -> Gop:
+        gop = random_gop(40)
+        for name in LOOK:
+            getattr(gop, name)[10:20] *= 1e-4
+            getattr(gop, name)[20:30] = 0
+            getattr(gop, name)[35:] *= 1e-4
+        return gop
+
+    def test_what_hardly_changes_is_undone(self) -> None:
+        gop = self.changed()
+        found = _sensitivities(gop)
+        stored = with_unchanged(gop, self.CARRIED, found, equal_slope_steps(found, 1.0), 1.0)
+        for name in LOOK:
+            before, after = getattr(gop, name), getattr(stored, name)
+            np.testing.assert_array_equal(after[:10], before[:10])
+            assert not after[10:30].any()
+            np.testing.assert_array_equal(after[30:], before[30:])
+        for name in {*Gop.__slots__} - {*LOOK}:
+            assert getattr(stored, name) is getattr(gop, name)
+        assert gop.colour[10:20].all()
+
+    @pytest.mark.parametrize(("qscale", "changed"), [(0.001, 20), (1.0, 10), (1e6, 0)])
+    def test_more_where_bits_are_dear(self, qscale: float, changed: int) -> None:
+        gop = self.changed()
+        found = _sensitivities(gop)
+        steps = equal_slope_steps(found, qscale)
+        stored = with_unchanged(gop, self.CARRIED, found, steps, qscale)
+        assert stored.colour[:30].any(axis=1).sum() == changed
+        assert stored.colour[30:].any(axis=1).all()
+
+    def test_what_cannot_be_seen_is_undone(self) -> None:
+        gop = self.changed()
+        found = _sensitivities(gop)
+        steps = equal_slope_steps(found, 1.0)
+        for name in LOOK:
+            getattr(found, name)[:5] = 0
+        stored = with_unchanged(gop, self.CARRIED, found, steps, 1.0)
+        assert not stored.colour[:5].any()
+        assert stored.colour[5:10].all()
