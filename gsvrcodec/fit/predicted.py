@@ -72,18 +72,18 @@ def fit_predicted(
     """
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
-    worth = change_worth(static_gop(*_values(reference.look)), footage, rng, backend)
+    # Dropped first, so that those around them are not kept as they are.
+    there = _strongest(reference.look, gaussians)
+    look = reference.look[there]
+    worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
-    kept = worth < PREDICTION.kept_bits * bit
-    carried = np.flatnonzero(~kept)
+    stays = worth < PREDICTION.kept_bits * bit
+    kept = np.zeros(len(reference.look.position), np.bool_)
+    kept[there[stays]] = True
+    carried = there[~stays]
     if kept.any():
-        footage = replace(footage, background=static_gop(*_values(reference.look[kept])))
-    extra = gaussians - len(kept)
-    if extra < 0:  # the weakest are dropped
-        look = reference.look[carried]
-        strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
-        drop = min(-extra, max(0, len(carried) - 1))
-        carried = np.sort(carried[np.argsort(-strength, kind="stable")[: len(carried) - drop]])
+        footage = replace(footage, background=static_gop(*_values(look[stays])))
+    extra = gaussians - len(there)
     start = start_of_motion(len(footage.frames))
     anchor = Anchor(start, reference.look[carried], carried)
     begin = _start(footage, anchor, reference.picture, grid, options, rng)
@@ -168,6 +168,12 @@ def change_worth(
     pixels = footage.frames[0].size / small[0].size  # of the footage for each that was looked at
     worth: NDArray[np.float64] = gain * (255.0**2 / 3 * pixels * frames / len(chosen))
     return worth
+
+
+def _strongest(look: Look, count: int) -> NDArray[np.intp]:
+    """Return which Gaussians are the `count` strongest, in their order."""
+    strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
+    return np.sort(np.argsort(-strength, kind="stable")[:count])
 
 
 def _values(look: Look) -> tuple[Float32Array, ...]:

@@ -226,8 +226,10 @@ class TestNumbers:
             assert (~anchor.carried).sum() >= gaussians - GAUSSIANS
         assert_finite(fit.gop)
 
-    def test_the_weakest_are_dropped(self, key: Key) -> None:
-        fit = predicted(key, 255 - film(), gaussians=400)
+    def test_the_weakest_are_dropped_and_leave_no_hole(self, key: Key) -> None:
+        fit = predicted(key, film(2), gaussians=400)
+        stays = np.mean([psnr(key.reference.picture, shot) for shot in film(2)])
+        assert fit.psnr > stays + 3
         kept, anchor = parts(fit)
         look = key.reference.look
         strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
