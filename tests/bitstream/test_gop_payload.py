@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections import defaultdict
 from dataclasses import fields, replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop
 from gsvrcodec.bitstream.header import Header
@@ -26,7 +28,7 @@ from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, carry_over
 from gsvrcodec.model.quantise import Quantiser, dequantised
 from gsvrcodec.model.time import Ticks
-from gsvrcodec.planes import PACKS
+from gsvrcodec.planes import PACKS, Memory
 from tests.gops import (
     BITS,
     SIXTEEN_BITS,
@@ -34,6 +36,7 @@ from tests.gops import (
     make_carried,
     make_chain,
     make_gop,
+    make_modes,
     make_payload,
 )
 
@@ -286,3 +289,37 @@ def test_model_imports_numpy_and_image_codecs_alone() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+class TestMemories:
+    """Payloads of one GOP at many steps, of which all but the first are packed quickly."""
+
+    @pytest.mark.parametrize("pack", ["entropy", "auto"])
+    def test_they_decode_and_are_nearly_as_small(self, pack: str) -> None:
+        gop, carried = make_gop(400, (5, 4, 6)), make_carried(make_modes(500))
+        memories: Memories = defaultdict(Memory)
+        wide = replace(HEADER, max_gaussians=900)
+        for step in (0.004, 0.006, 0.003, 0.012):
+            steps = {a.name: (step,) * a.components for a in ATTRIBUTES}
+            best, quick = (
+                pack_gop(
+                    gop,
+                    PTS,
+                    DURATIONS,
+                    9,
+                    steps,
+                    PACKS[pack],
+                    reference=9,
+                    carried=carried,
+                    memories=kept,
+                )
+                for kept in (None, memories)
+            )
+            assert abs(len(quick) / len(best) - 1) < 0.03
+            one, other = (unpack_gop(payload, wide, Limits()) for payload in (best, quick))
+            assert_gops_equal(one.new, other.new)
+            assert one.carried is not None
+            assert other.carried is not None
+            np.testing.assert_array_equal(one.carried.colour, other.carried.colour)
+        assert memories["position", 0].choice is not None
+        assert ("mode", 0) in memories

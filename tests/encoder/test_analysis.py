@@ -6,12 +6,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.footage import Frames
 from tests import making
 from tests.fit.synthetic import FRAMES, moving_texture, sample
+
+
+def analysed(frames: Frames) -> list[FrameStats]:
+    return list(analyse(frames, flow_estimator("dis")))
 
 
 class TestAnalyse:
@@ -35,6 +41,15 @@ class TestAnalyse:
         stats = list(analyse([picture] * 4, flow_estimator("dis")))
         assert [frame.cut for frame in stats] == [True, False, False, False]
         assert max(frame.motion for frame in stats) < 0.05
+
+    def test_the_part_of_the_detail_that_moves(self) -> None:
+        texture = moving_texture(6, (2, 0), (320, 180))
+        assert all(frame.moving > 0.9 for frame in analysed(texture))
+        assert all(frame.moving < 0.05 for frame in analysed(texture[:1].repeat(4, axis=0))[1:])
+        half = texture.copy()
+        half[:, :, 160:] = half[0, :, 160:]
+        assert all(0.3 < frame.moving < 0.7 for frame in analysed(half)[1:])
+        assert [frame.moving for frame in analysed(np.full_like(texture, 90))[1:]] == [0.0] * 5
 
     def test_no_frames(self) -> None:
         assert list(analyse([], flow_estimator("dis"))) == []

@@ -62,6 +62,16 @@ class TestResume:
             assert parts.payload(FIRST) == b"first"
             assert parts.payload(SECOND) == b""
 
+    def test_a_job_s_result_comes_back(self, target: Path) -> None:
+        figures = GopFigures(psnr=30.1, float_psnr=30.4, seconds=2.0, qscale=0.1 + 0.2)
+        with opened(target) as parts:
+            parts.add(FIRST, figures, b"first")
+            parts.add(SECOND, OTHERS, b"second")
+            first, second = parts.result(FIRST), parts.result(SECOND)
+            assert (first.payload, second.payload) == (b"first", b"second")
+            assert (first.psnr, first.float_psnr, first.qscale) == (30.1, 30.4, 0.1 + 0.2)
+            assert second.qscale is None
+
     def test_success_leaves_nothing(self, target: Path) -> None:
         with opened(target) as parts:
             assert parts.path is not None

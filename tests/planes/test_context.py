@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -289,6 +291,38 @@ class TestEncode:
         samples = np.random.default_rng(0).integers(0, 1024, (60, 60)).astype(np.uint16)
         prior = PriorPlanes(np.stack([samples // 3, samples]).astype(np.uint16))
         assert len(context.encode(samples, PlaneShape(60, 60, 10), prior)) < 100
+
+    def test_a_memory_saves_the_search(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The same plane at another step is coded by the choices that were made for the first."""
+        prior, smooth, shape = strips(side=64)
+        memory = context.Memory()
+        assert context.encode(smooth, shape, prior, memory) == context.encode(smooth, shape, prior)
+        coarse = (smooth // 2 + 7).astype(np.uint16)
+        other = PriorPlanes(prior.planes // 2, prior.columns)
+        best = context.encode(coarse, shape, other)
+
+        def never(*_: object) -> NoReturn:
+            raise AssertionError("nothing is to be searched")
+
+        monkeypatch.setattr(context, "predictors", never)
+        quick = context.encode(coarse, shape, other, memory)
+        assert len(best) <= len(quick) < 1.03 * len(best)
+        np.testing.assert_array_equal(context.decode(quick, shape, other), coarse)
+        with pytest.raises(AssertionError, match="searched"):
+            context.encode(coarse, shape, other, context.Memory())
+
+    @pytest.mark.parametrize("side", [1, 2, 30])
+    def test_a_memory_of_another_plane_is_harmless(self, side: int) -> None:
+        draw = np.random.default_rng(side)
+        shape = PlaneShape(side, side, 16)
+        memory = context.Memory()
+        for low, high in ((0, 1), (0, 65536), (65535, 65536), (0, 65536), (300, 310)):
+            planes = draw.integers(0, 65536, (2, side, side)).astype(np.uint16)
+            planes[0] = np.sort(planes[0])
+            prior = stack(planes, guided=True)
+            samples = draw.integers(low, high, (side, side)).astype(np.uint16)
+            data = context.encode(samples, shape, prior, memory)
+            np.testing.assert_array_equal(context.decode(data, shape, prior), samples)
 
     @pytest.mark.parametrize(
         ("predictor", "coding", "says"),
