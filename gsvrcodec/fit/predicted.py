@@ -78,17 +78,19 @@ def fit_predicted(
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
     stays = worth < PREDICTION.kept_bits * bit
+    extra = gaussians - len(there)
+    if stays.all() and extra <= 0:
+        stays[worth.argmax()] = False  # something has to be fitted
     kept = np.zeros(len(reference.look.position), np.bool_)
     kept[there[stays]] = True
     carried = there[~stays]
     if kept.any():
         footage = replace(footage, background=static_gop(*_values(look[stays])))
-    extra = gaussians - len(there)
     start = start_of_motion(len(footage.frames))
     anchor = Anchor(start, reference.look[carried], carried)
     begin = _start(footage, anchor, reference.picture, grid, options, rng)
-    if extra > 0 or not len(carried):
-        begin, anchor = _with_new(begin, anchor, max(extra, 1))
+    if extra > 0:
+        begin, anchor = _with_new(begin, anchor, extra)
     field = Field(begin, options.deform, backend, footage.background, anchor)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
