@@ -13,7 +13,7 @@ from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.chain import ChainFrames, chain_jobs, shared_efforts
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
-from tests.gops import assert_gops_equal, decode_all, make_chain, make_file
+from tests.gops import assert_gops_equal, decode_all, make_chain, make_file, make_payload
 
 LENGTHS = (3, 2, 1, 4)
 PAYLOADS = make_chain(LENGTHS)
@@ -99,6 +99,15 @@ class TestJobs:
         for settings in ({"keyint": 0}, {"profile": "paper"}):
             assert [job.reference for job in jobs_of(**settings)] == [None] * 4
 
+    def test_a_key_gop_may_stand_within(self) -> None:
+        """A GOP that was not predicted after all is the reference of the next one as it is."""
+        alone = EncodedGop(make_payload(12, frames=2, first_frame=3), 30.0, 31.0, 0.7)
+        *_, job = jobs_of([BUDGET] * 3, [RESULTS[0], alone])
+        assert job.reference is not None
+        assert len(job.reference.gop) == 12
+        assert (job.reference.first_frame, job.reference.frames) == (3, 2)
+        assert (job.reference.qscale, job.reference.psnr) == (0.7, 30.0)
+
     def test_frames_are_let_go(self) -> None:
         frames = frames_of()
         jobs = chain_jobs(frames, [BUDGET] * 4, EncodeSettings(), [], None)
@@ -128,6 +137,12 @@ class TestBytes:
 
     def test_there_is_always_something(self) -> None:
         assert self.targets(10, 10, 10) == [10, 1, 1]
+
+    def test_only_the_last_gop_has_to_meet_its_size(self) -> None:
+        jobs = jobs_of([Budget(30, 1000)] * 4)
+        assert [job.budget.exact for job in jobs] == [False, False, False, True]
+        (alone,) = jobs_of([Budget(30, 1000)], [])
+        assert alone.budget.exact
 
     def test_finished_gops_count(self) -> None:
         first, second = self.SIZES[:2]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from gsvrcodec.fit.rate_control import (
     Candidate,
     fit_to_psnr,
+    quantise_near_size,
     quantise_to_psnr,
     quantise_to_size,
 )
@@ -104,6 +105,25 @@ class TestSize:
     @pytest.mark.parametrize(("size", "end"), [(10**9, FINEST), (1, COARSEST)])
     def test_out_of_reach(self, size: int, end: float) -> None:
         assert quantise_to_size(MadeUp(share=0.02), size).qscale == pytest.approx(end)
+
+
+class TestNearSize:
+    """A size that others make up for is met by one guess, not far from a given qscale."""
+
+    @pytest.mark.parametrize("answer", [0.8, 1.0, 1.25])
+    def test_about_the_size(self, answer: float) -> None:
+        candidate = MadeUp()
+        wanted = candidate.bytes(answer)
+        begin = candidate.bytes(1.0)
+        stored = quantise_near_size(candidate, wanted, 1.0, 2.0)
+        assert abs(stored.bytes - wanted) <= 0.5 * abs(begin - wanted)
+        assert candidate.trials == [1]
+        assert candidate.exact == []
+
+    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.7 / 1.5), (1, 0.7 * 1.5)])
+    def test_within_reach(self, size: int, qscale: float) -> None:
+        stored = quantise_near_size(MadeUp(), size, 0.7, 1.5)
+        assert stored.qscale == pytest.approx(qscale)
 
 
 class TestQuality:
