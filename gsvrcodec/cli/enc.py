@@ -61,7 +61,7 @@ def main(args: Sequence[str] | None = None) -> int:
     "--params",
     type=count,
     metavar="N",
-    help="Parameters in the whole file, such as 3M; sets the size.",
+    help="About so many parameters in the whole file, such as 3M; sets the size.",
 )
 @click.option("--gaussians", type=count, metavar="N", help="Gaussians in each GOP.")
 @click.option(

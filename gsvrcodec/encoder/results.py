@@ -43,7 +43,7 @@ class EncodeResult:
     frames: int
     gops: int
     key_gops: int  #: of these, GOPs that need no other
-    gaussians: int  #: in all GOPs, each counted once
+    gaussians: int  #: sum over all GOPs; those carried over count in each
     bytes: int  #: of the file
     bpp: float  #: bits a pixel and frame, copied streams left out
     psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded

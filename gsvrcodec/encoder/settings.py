@@ -17,7 +17,7 @@ Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 class EncodeSettings:
     """What an encode is asked for: the keyword arguments of `gsvrcodec.encode`."""
 
-    params: int | None = None  #: stored numbers in the whole file; None = by picture size
+    params: int | None = None  #: about how many stored numbers in the whole file; None = by size
     gaussians: int | None = None  #: Gaussians in each GOP; of these six at most one is given
     bpp: float | None = None  #: bits a pixel and frame, copied streams left out
     bitrate: int | None = None  #: bits a second, copied streams left out

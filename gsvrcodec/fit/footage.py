@@ -14,12 +14,11 @@ Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footage:
-    """Frames of one GOP, or one picture that many GOPs share."""
+    """Frames of one GOP."""
 
     frames: Frames  #: (F, H, W, 3) RGB
     taus: Float32Array  #: (F,) normalised times
     background: Gop | None = None  #: static Gaussians drawn behind the fitted ones
-    shown: int = 1  #: frames of the film that show each of these; over 1 for a background
 
     @property
     def size(self) -> tuple[int, int]:
@@ -28,5 +27,5 @@ class Footage:
 
     @property
     def pixels(self) -> int:
-        """Pixels of all frames of the film that show this footage."""
-        return self.shown * self.frames[..., 0].size
+        """Pixels of all frames."""
+        return self.frames[..., 0].size

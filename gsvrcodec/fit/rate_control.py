@@ -87,7 +87,8 @@ def quantise_near_size(
     """
     miss = candidate.size(qscale) / target_bytes
     factor = miss ** (1 / RATE_CONTROL.size_power)
-    return candidate.quantised(qscale * min(max(factor, 1 / reach), reach))
+    wanted = qscale * min(max(factor, 1 / reach), reach)
+    return candidate.quantised(min(max(wanted, RATE_CONTROL.finest), RATE_CONTROL.coarsest))
 
 
 def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:

@@ -42,7 +42,7 @@ def sensitivities(
     (width, height), taus = footage.size, footage.taus
     total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
     chosen = np.unique(np.linspace(0, len(taus) - 1, STEPS.frames).round().astype(np.intp))
-    scale = np.float32(_CODES * footage.shown * len(taus) / len(chosen))
+    scale = np.float32(_CODES * len(taus) / len(chosen))
     for tau in taus[chosen]:
         random = noise((height, width, 3), rng)
         gradient = backend.gradient(gop, float(tau), random, (width, height))

@@ -28,9 +28,6 @@ class _Effort:
     )
     least_steps: int = 100  #: of a fit
     least_tuning_steps: int = 30  #: of all stages of the quantisation together
-    #: visits of a background's one picture, for each visit that a frame gets; and its least steps
-    background_visits: int = 16
-    least_background_steps: int = 200
     #: wall time that packing takes from a budget: seconds for each Gaussian, at most a fraction
     packing_seconds: float = 70e-6
     packing_share: float = 0.4
