@@ -36,6 +36,27 @@ class Allowance:
     steps: float  #: optimiser steps, without `seconds`
     seconds: float | None  #: wall time; None = by steps
 
+    def split(
+        self, *, tune: bool, least_steps: int, began: float
+    ) -> tuple[Effort, Allowance | None]:
+        """Divide into the effort of a fit, which begins now, and what is left for tuning.
+
+        Args:
+            tune: whether the fit is tuned under quantisation.
+            least_steps: of the fit, without `seconds`.
+            began: `time.perf_counter()` at the start of the whole.
+        """
+        share = STAGED.effort if tune else 0.0
+        main = tuning = None
+        if self.seconds is not None:
+            left = self.seconds - (time.perf_counter() - began)
+            main, tuning = max(0.1, (1 - share) * left), max(0.1, share * left)
+        effort = Effort(max(least_steps, round((1 - share) * self.steps)), main)
+        if not tune:
+            return effort, None
+        steps = max(EFFORT.least_tuning_steps, round(share * self.steps))
+        return effort, Allowance(steps, tuning)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
@@ -86,14 +107,9 @@ def fit_gop(
         flow = None if options.deform == "triplane" else flow_estimator(options.flow)
         start = content_aware(footage, gaussians, grid, flow, rng, backend)
     field = Field(start, options.deform, backend, footage.background)
-    tuning_share = STAGED.effort if options.tune and not paper else 0.0
-    main_seconds = tuning_seconds = None
-    if allowance.seconds is not None:
-        left = allowance.seconds - (time.perf_counter() - began)
-        main_seconds = max(0.1, (1 - tuning_share) * left)
-        tuning_seconds = max(0.1, tuning_share * left)
-    steps = max(EFFORT.least_steps, round((1 - tuning_share) * allowance.steps))
-    effort = Effort(steps, main_seconds)
+    effort, tuning = allowance.split(
+        tune=options.tune and not paper, least_steps=EFFORT.least_steps, began=began
+    )
     with single_torch_thread():
         optimise(
             field,
@@ -105,10 +121,6 @@ def fit_gop(
             quantise_from=EFFORT.qat_from,
         )
     gop = field.gop()
-    tuning = None
-    if tuning_share:
-        tuning_steps = max(EFFORT.least_tuning_steps, round(tuning_share * allowance.steps))
-        tuning = Allowance(tuning_steps, tuning_seconds)
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)
 
 

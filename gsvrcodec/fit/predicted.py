@@ -14,7 +14,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.motion import Tracker
-from gsvrcodec.fit.optimise import Effort, coarse_frames, optimise
+from gsvrcodec.fit.optimise import coarse_frames, optimise
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
 from gsvrcodec.fit.price import Price
@@ -22,7 +22,7 @@ from gsvrcodec.fit.recipe import PREDICTED
 from gsvrcodec.fit.relocate import move_weakest
 from gsvrcodec.fit.sensitivity import noise, sensitivities
 from gsvrcodec.fit.start import tri_plane
-from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED, START
+from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
 from gsvrcodec.model.static import select_gaussians, static_gop
@@ -99,14 +99,9 @@ def fit_predicted(
     small = coarse_frames(footage.frames, PREDICTED)
     move_weakest(field, small, footage.taus, footage.size, rng, fresh)
 
-    tuning_share = STAGED.effort if options.tune else 0.0
-    main_seconds = tuning_seconds = None
-    if allowance.seconds is not None:
-        left = allowance.seconds - (time.perf_counter() - began)
-        main_seconds = max(0.1, (1 - tuning_share) * left)
-        tuning_seconds = max(0.1, tuning_share * left)
-    steps = max(PREDICTION.least_steps, round((1 - tuning_share) * allowance.steps))
-    effort = Effort(steps, main_seconds)
+    effort, tuning = allowance.split(
+        tune=options.tune, least_steps=PREDICTION.least_steps, began=began
+    )
     price = None
     if len(carried):
         found = sensitivities(footage, field.gop(), rng, backend)
@@ -117,10 +112,6 @@ def fit_predicted(
         )
     with single_torch_thread():
         optimise(field, footage, PREDICTED, effort, rng, price=price)
-    tuning = None
-    if tuning_share:
-        tuning_steps = max(EFFORT.least_tuning_steps, round(tuning_share * allowance.steps))
-        tuning = Allowance(tuning_steps, tuning_seconds)
     psnr = mean_psnr(field.gop(), footage, backend)
     return Fit(field.stored(), psnr, effort.expected_steps, tuning, footage, field.anchor, kept)
 
