@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from statistics import fmean
 
@@ -20,6 +21,8 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, GOP_LENGTH, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, GridSize
+from gsvrcodec.render.device import choose_device
+from gsvrcodec.render.native import resolve_threads
 
 
 def longest_gop(
@@ -98,7 +101,8 @@ def plan(
     for chain, whole, most_bytes in zip(chains, bits, sizes, strict=True):
         weights = bit_weights(chain, stats)
         gaussians = whole / (_gaussian_bits(chain) * sum(weights))
-        gaussians = min(max(1, round(gaussians)), most_gaussians(size))
+        most = min(most_gaussians(size), _fittable(chain, weights, settings))
+        gaussians = max(1, round(min(gaussians, most)))
         for number, (gop, weight) in enumerate(zip(chain, weights, strict=True)):
             own = stats[gop.start : gop.stop]
             share = None if most_bytes is None else int(most_bytes * weight / sum(weights))
@@ -114,6 +118,18 @@ def bit_weights(chain: Chain, stats: Sequence[FrameStats]) -> list[float]:
         moving = fmean(frame.moving for frame in stats[gop.start : gop.stop])
         weights.append(CHAIN.idle_bits + CHAIN.moving_bits * moving)
     return weights
+
+
+def _fittable(chain: Chain, weights: Sequence[float], settings: EncodeSettings) -> float:
+    """Most Gaussians that the wall time of an encode suffices for, on a CPU.
+
+    With more of them a predicted GOP takes too few steps, and looks worse at more bits.
+    """
+    if settings.time_budget is None or choose_device(settings.device) != "cpu":
+        return math.inf
+    gops, changing = (chain[1:], fmean(weights[1:])) if len(chain) > 1 else (chain, 1.0)
+    seconds = settings.time_budget * fmean(map(len, gops)) * resolve_threads(settings.threads)
+    return seconds * CHAIN.fitted_a_second / changing
 
 
 def _gaussian_bits(chain: Chain) -> float:

@@ -152,6 +152,8 @@ def optimise(
         if spent >= relocation:
             relocation = next(relocations, 1.0)
             adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving))
+            if price is not None:
+                price.forget()
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames

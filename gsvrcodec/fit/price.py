@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import torch
+from torch import Tensor
 from torch.nn.functional import avg_pool1d
 
 from gsvrcodec.fit.anchor import LOOK
@@ -12,12 +13,14 @@ from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.tuned import PREDICTION
 from gsvrcodec.model.quantise import Steps
 
+_MOTION = ("linear", "quadratic")
+
 
 class Price:
     """Adds the slope of weight * log2(1 + |change| / step) to the gradients of changes.
 
     Without it a fit drifts along directions that hardly change the picture, and a change costs as
-    much as the value.
+    much as the value. Motion pays for what differs from that of the neighbours in drawing order.
 
     Args:
         steps: quantiser steps of the attributes.
@@ -27,31 +30,50 @@ class Price:
 
     def __init__(self, steps: Steps, weight: float, device: str) -> None:
         self._weight = weight / math.log(2)
-        self._near = PREDICTION.near
-        self._motion = dict.fromkeys(("linear", "quadratic"), PREDICTION.motion_price)
-        self._steps_of = {
-            name: torch.tensor(steps[name], device=device) for name in ("linear", "quadratic")
-        }
-        self._steps = {name: torch.tensor(steps[name], device=device) for name in LOOK}
+        self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *_MOTION)}
+        self._slopes: dict[str, Tensor] = {}
+        self._added = 0
 
     def add(self, field: Field) -> None:
-        """Add the slopes to the gradients of a field."""
-        carried = field.carried
-        for name, weight in self._motion.items():
-            raw = field.raw.get(name)
-            if raw is not None and raw.grad is not None:
-                value = raw.detach()
-                usual = avg_pool1d(
-                    value.T[None], self._near, 1, self._near // 2, count_include_pad=False
-                )[0].T
-                apart = value - usual
-                slope = apart.sign() / (apart.abs() + self._steps_of[name])
-                raw.grad.add_(slope, alpha=self._weight * weight)
+        """Add the slopes to the gradients of a field.
+
+        They change slowly: they are computed anew in every `PREDICTION.priced_steps`-th call, and
+        after `forget`.
+        """
+        if self._added % PREDICTION.priced_steps == 0:
+            self._slopes = self._computed(field)
+        self._added += 1
+        for name, slope in self._slopes.items():
+            gradient = field.raw[name].grad
+            assert gradient is not None
+            gradient.add_(slope)
+
+    def forget(self) -> None:
+        """Compute the slopes anew in the next call: the Gaussians have another order."""
+        self._added = 0
+
+    def _computed(self, field: Field) -> dict[str, Tensor]:
+        slopes = {}
         for name, step in self._steps.items():
-            if (raw := field.raw.get(name)) is not None and raw.grad is not None:
-                change = raw.detach()
-                if change.dim() == 1:
-                    slope = change.sign() / (change.abs() + step[0]) * carried[:, 0]
-                else:
-                    slope = change.sign() / (change.abs() + step) * carried
-                raw.grad.add_(slope, alpha=self._weight)
+            if name not in field.raw:
+                continue
+            value = field.raw[name].detach()
+            if name in _MOTION:
+                apart = value - _usual(value)
+                slopes[name] = self._weight * PREDICTION.motion_price * _slope(apart, step)
+            else:
+                columns = value.reshape(len(value), -1)
+                slope = field.carried * _slope(columns, step)
+                slopes[name] = self._weight * slope.reshape(value.shape)
+        return slopes
+
+
+def _slope(value: Tensor, step: Tensor) -> Tensor:
+    """Derivative of ln(1 + |value| / step)."""
+    return value.sign() / (value.abs() + step)
+
+
+def _usual(value: Tensor) -> Tensor:
+    """Mean of the neighbours in drawing order, (N, C)."""
+    near = PREDICTION.near
+    return avg_pool1d(value.T[None], near, 1, near // 2, count_include_pad=False)[0].T

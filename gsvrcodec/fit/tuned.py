@@ -93,6 +93,7 @@ class _Prediction:
     undone: float = 1.5  #: a change is undone if it is worth less than so many times its bits
     motion_price: float = 1.0  #: of motion that differs from the neighbours', in `price`
     near: int = 15  #: neighbours in drawing order
+    priced_steps: int = 4  #: optimiser steps that take the same slopes of prices
     renewed_first: float = 0.05  #: fraction of the Gaussians that is new from the beginning
     least_steps: int = 60
     #: PSNR of the start, dB, below which a GOP is not predicted, if it is also so much below the
@@ -169,7 +170,7 @@ class _RateControl:
     #: factor by which the qscale may differ from the usual one of a key GOP, and from that of the
     #: reference, where a size need not be met exactly
     key_reach: float = 1.4
-    reach: float = 1.4
+    reach: float = 2.0
     coarser_key: float = (
         1.8  #: qscale of a key GOP whose chain has a size to meet, in the usual one
     )
