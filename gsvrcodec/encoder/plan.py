@@ -113,10 +113,13 @@ def plan(
 
 def bit_weights(chain: Chain, stats: Sequence[FrameStats]) -> list[float]:
     """Bits of each GOP of a chain, in those of its key GOP."""
+    key = _need(stats[chain[0].start : chain[0].stop])
     weights = [1.0]
     for gop in chain[1:]:
-        moving = fmean(frame.moving for frame in stats[gop.start : gop.stop])
-        weights.append(CHAIN.idle_bits + CHAIN.moving_bits * moving)
+        own = stats[gop.start : gop.stop]
+        moving = fmean(frame.moving for frame in own)
+        changing = CHAIN.idle_bits + CHAIN.moving_bits * moving
+        weights.append(changing * (_need(own) / key) ** CHAIN.evenness)
     return weights
 
 
@@ -158,7 +161,7 @@ def _shares(
             f"{option} leaves {max(0, round(total))} bytes for {sum(gops)} GOPs, which need "
             f"{RATE.least_gop_bytes} each; raise it, use longer GOPs or a smaller picture"
         )
-    needs = np.array([_complexity(own) ** (RATE.evenness / RATE.fall) for own in stats_of])
+    needs = np.array([_need(own) for own in stats_of])
     lengths = np.array([len(own) for own in stats_of])
     mean = float((needs * lengths).sum()) / int(lengths.sum())
     shares = lengths * np.clip(needs, mean / RATE.most_unequal, mean * RATE.most_unequal)
@@ -191,6 +194,12 @@ def _bpp(stats: Sequence[FrameStats], psnr: float) -> float:
     """Bits a pixel that frames may need for a quality, dB."""
     error = 255.0**2 / 10 ** (psnr / 10)
     return float((RATE.error * _complexity(stats) / error) ** (1 / RATE.fall))
+
+
+def _need(stats: Sequence[FrameStats]) -> float:
+    """Bits that frames should get, up to a factor."""
+    need: float = _complexity(stats) ** (RATE.evenness / RATE.fall)
+    return need
 
 
 def _complexity(stats: Sequence[FrameStats]) -> float:

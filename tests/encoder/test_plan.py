@@ -55,6 +55,26 @@ class TestChains:
         assert second == pytest.approx(CHAIN.idle_bits + 0.25 * CHAIN.moving_bits)
         assert third == pytest.approx(CHAIN.idle_bits + 0.5 * CHAIN.moving_bits)
 
+    def test_wall_time_bounds_the_gaussians(self) -> None:
+        def gaussians(**settings: Any) -> int:
+            lengths = [8, 8, 8]
+            chosen = {"bpp": 0.5, "moving": 1.0, "threads": 2, "device": "cpu", **settings}
+            return self.plan(lengths, **chosen)[0].gaussians
+
+        free, ample = gaussians(), gaussians(time_budget=100.0)
+        assert ample == free
+        short = gaussians(time_budget=0.2)
+        assert short < free
+        # Twice the time or twice the cores fit twice as many; a GPU has no such bound.
+        assert gaussians(time_budget=0.4) == pytest.approx(2 * short, abs=2)
+        assert gaussians(time_budget=0.2, threads=4) == pytest.approx(2 * short, abs=2)
+        # Where little moves, most Gaussians are kept and take no time.
+        assert gaussians(time_budget=0.2, moving=0.0) > 3 * short
+        # The bytes stay as they are.
+        assert self.plan([8, 8], bpp=0.5, time_budget=0.2)[0].target_bytes == (
+            self.plan([8, 8], bpp=0.5)[0].target_bytes
+        )
+
     def test_all_gops_of_a_chain_have_as_many_gaussians(self) -> None:
         for settings in ({"bpp": 0.1}, {"target_psnr": 33.0}, {"params": 500_000}):
             budgets = self.plan([16, 16, 16], [16], **settings)

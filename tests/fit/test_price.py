@@ -11,6 +11,7 @@ from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.price import Price
+from gsvrcodec.fit.tuned import PREDICTION
 from gsvrcodec.model.attributes import ATTRIBUTES
 from tests.fit.synthetic import BACKEND
 from tests.fit.test_anchor import example
@@ -84,3 +85,30 @@ def test_what_is_not_trained_is_no_matter() -> None:
     assert "linear" not in field.raw
     assert np.abs(found["position"]).max() > 0
     assert not found["xy"].any()
+
+
+def test_slopes_are_computed_anew_after_some_steps() -> None:
+    _, anchor, stored = example()
+    field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+    price = Price(STEPS, WEIGHT, BACKEND.device)
+
+    def added() -> np.ndarray:
+        for tensor in field.raw.values():
+            tensor.grad = torch.zeros_like(tensor)
+        price.add(field)
+        gradient = field.raw["position"].grad
+        assert gradient is not None
+        return gradient.numpy()
+
+    first = added()
+    field.raw["position"].detach()[:] *= -3
+    for _ in range(PREDICTION.priced_steps - 1):
+        np.testing.assert_array_equal(added(), first)
+    second = added()
+    assert (second * first <= 0).all()
+    assert (second != first).any()
+    # Unless the Gaussians have another order.
+    field.raw["position"].detach()[:] *= -1
+    np.testing.assert_array_equal(added(), second)
+    price.forget()
+    assert (added() != second).any()
