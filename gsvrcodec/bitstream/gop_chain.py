@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import OrderedDict, deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.chunk import ChunkEntry
-from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.prediction import DROPPED
 from gsvrcodec.model.time import Ticks
+
+#: Threads that decode the planes of a chain; so many GOPs are ahead.
+_THREADS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +42,8 @@ class GopUnpacker:
 
     The GOPs unpacked last stay in memory, so that GOPs in a row are unpacked once each; any other
     GOP is unpacked from the nearest of them in its chain, or from the key GOP. All ways give the
-    same values.
+    same values. The planes of a GOP need no other GOP: those of a chain are decoded by several
+    threads, a few GOPs ahead.
 
     Args:
         reader: The file.
@@ -51,6 +57,7 @@ class GopUnpacker:
         self._most = remembered
         self._recent: OrderedDict[int, WholeGop] = OrderedDict()
         self._faults: dict[int, CorruptError] = {}
+        self._reading = Lock()
 
     def __len__(self) -> int:
         """Return the number of GOPs in memory."""
@@ -65,38 +72,57 @@ class GopUnpacker:
             LimitError: The GOP, or one of its chain, is over the limits.
         """
         chain = self._reader.chain_of(position)
-        start = max((n for n, link in enumerate(chain) if link in self._recent), default=0)
-        for number, link in enumerate(chain[start:], start + 1):
-            if link in self._faults:
-                raise self._fault(link, position)
-            if link not in self._recent:
+        start = max((n for n, link in enumerate(chain) if link in self._recent), default=-1)
+        if start >= 0:
+            self._recent.move_to_end(chain[start])
+        with closing(self._contents(chain, start + 1)) as contents:
+            for number in range(start + 1, len(chain)):
+                link = chain[number]
+                if link in self._faults:
+                    raise self._fault(link, position)
                 try:
-                    whole = self._unpacked(link, chain[:number])
+                    with _located(self._reader.gops[link].chunk):
+                        whole = self._whole(next(contents), chain[number - 1] if number else None)
                 except CorruptError as error:
                     self._faults[link] = error.located(error.chunk or "", error.offset or 0)
                     raise self._fault(link, position) from error
                 self._recent[link] = whole
                 if len(self._recent) > self._most:
                     self._recent.popitem(last=False)
-            self._recent.move_to_end(link)
         return self._recent[position]
 
-    def _unpacked(self, position: int, chain: list[int]) -> WholeGop:
-        """Unpack a GOP whose reference is in memory; its chain ends with it."""
-        gops = self._reader.gops
-        payload = self._reader.read_gop(position)
+    def _contents(self, chain: list[int], start: int) -> Generator[GopContent, None, None]:
+        """Yield what the GOPs of a chain hold, from the one at `start` on."""
+        if len(chain) - start < 2:
+            yield from (self._content(chain[: end + 1]) for end in range(start, len(chain)))
+            return
+        with ThreadPoolExecutor(_THREADS, "gsvr-planes") as threads:
+            waiting: deque[Future[GopContent]] = deque()
+            for end in range(start, len(chain)):
+                waiting.append(threads.submit(self._content, chain[: end + 1]))
+                if len(waiting) > _THREADS:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _content(self, chain: list[int]) -> GopContent:
+        """Decode what the last GOP of a chain holds."""
+        entry = self._reader.gops[chain[-1]]
+        with self._reading:
+            payload = self._reader.read_gop(chain[-1])
         # Not before the checksum is known to be right: damage is no reason to stop.
-        values = GAUSSIAN_PARAMETERS * gops[position].gaussians
-        self._limits.check_expansion(4 * values, sum(gops[link].size for link in chain))
-        reference = chain[-2] if len(chain) > 1 else None
-        with _located(gops[position].chunk):
-            content = unpack_gop(payload, self._reader.header, self._limits)
-            if reference is None or content.carried is None:
-                whole, kept = content.new, None
-            else:
-                known = self._recent[reference]
-                whole = content.gop(known.gop, len(known.pts))
-                kept = content.carried.mode != DROPPED
+        sizes = sum(self._reader.gops[link].size for link in chain)
+        self._limits.check_expansion(4 * GAUSSIAN_PARAMETERS * entry.gaussians, sizes)
+        with _located(entry.chunk):
+            return unpack_gop(payload, self._reader.header, self._limits)
+
+    def _whole(self, content: GopContent, reference: int | None) -> WholeGop:
+        """Take over what stays of the reference, which is in memory."""
+        whole, kept = content.new, None
+        if reference is not None and content.carried is not None:
+            known = self._recent[reference]
+            whole = content.gop(known.gop, len(known.pts))
+            kept = content.carried.mode != DROPPED
         return WholeGop(whole, content.first_frame, content.pts, content.durations, reference, kept)
 
     def _fault(self, link: int, position: int) -> CorruptError:
