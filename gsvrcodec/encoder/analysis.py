@@ -25,6 +25,7 @@ class FrameStats:
     change: float = 0.0
     detail: float = 0.0  #: mean squared gradient, squared 8-bit codes
     moving: float = 1.0  #: fraction of the detail that moves
+    fast: float = 0.0  #: length of the flow that 1 % of the pixels exceed, px of the analysed frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,8 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
                 flow = estimate(previous, small)
                 change = _change(previous, small, flow)
                 moving = _moving(small, flow)
-                yield FrameStats(motion_degree(flow), False, change, detail, moving)
+                fast = float(np.percentile(np.hypot(flow[..., 0], flow[..., 1]), 99))
+                yield FrameStats(motion_degree(flow), False, change, detail, moving, fast)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
 

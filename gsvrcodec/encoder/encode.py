@@ -111,6 +111,7 @@ def encode(
             maximum=longest,
             longest_chain=longest_chain(len(stats), chosen, seconds=duration),
             threshold=CHAIN.threshold if chosen.predicts else ANALYSIS.threshold,
+            fast_share=CHAIN.fast_share if chosen.predicts else 0.0,
         )
         gops = [gop for chain in chains for gop in chain]
         if not gops:

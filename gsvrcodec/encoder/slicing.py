@@ -24,6 +24,7 @@ def slice_gops(
     maximum: int,
     longest_chain: int = 0,
     threshold: float = ANALYSIS.threshold,
+    fast_share: float = 0.0,
 ) -> list[Chain]:
     """Frames of each GOP, by chain; no chain spans a cut.
 
@@ -38,6 +39,8 @@ def slice_gops(
         maximum: frames of the longest adaptive GOP.
         longest_chain: frames of the longest chain; 0 = every GOP is a chain of its own.
         threshold: motion at which a GOP ends, px of the analysed frame.
+        fast_share: what the fastest motion of a frame adds to its mean motion, where all the rest
+            stands still: short GOPs are cheap there.
     """
     cuts = [number for number, frame in enumerate(stats) if frame.cut or not number]
     chains: list[Chain] = []
@@ -45,7 +48,7 @@ def slice_gops(
         parts = max(1, -(-(end - begin) // longest_chain)) if longest_chain else 1
         bounds = np.linspace(begin, end, parts + 1).round().astype(int).tolist()
         for start, stop in pairwise(bounds):
-            motion = [frame.motion for frame in stats[start:stop]]
+            motion = [_pace(frame, fast_share) for frame in stats[start:stop]]
             if gop == "adaptive":
                 lengths = _adaptive_lengths(motion, minimum, maximum, threshold)
             else:
@@ -54,6 +57,10 @@ def slice_gops(
             found = [range(first, after) for first, after in pairwise(ends)]
             chains += [found] if longest_chain else [[one] for one in found]
     return chains
+
+
+def _pace(frame: FrameStats, fast_share: float) -> float:
+    return frame.motion + fast_share * (1 - frame.moving) * frame.fast
 
 
 def _adaptive_lengths(

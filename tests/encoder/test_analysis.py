@@ -42,6 +42,14 @@ class TestAnalyse:
         assert [frame.cut for frame in stats] == [True, False, False, False]
         assert max(frame.motion for frame in stats) < 0.05
 
+    def test_the_fastest_motion_is_found(self) -> None:
+        still = moving_texture(1, (0, 0), (320, 180))[0]
+        frames = still[None].repeat(4, axis=0)
+        frames[:, 60:120, 100:160] = moving_texture(4, (6, 0), (60, 60))
+        for frame in analysed(frames)[1:]:
+            assert frame.fast > 3 > 10 * frame.motion / 3
+        assert max(frame.fast for frame in analysed(still[None].repeat(3, axis=0))) < 0.2
+
     def test_the_part_of_the_detail_that_moves(self) -> None:
         texture = moving_texture(6, (2, 0), (320, 180))
         assert all(frame.moving > 0.9 for frame in analysed(texture))

@@ -74,6 +74,18 @@ class TestSliceGops:
         assert counts[0] == 3
         assert counts[-1] > 6
 
+    def test_what_is_fast_before_a_still_picture_makes_more_gops(self) -> None:
+        def gops(moving: float, fast: float, share: float = 0.15) -> int:
+            frame = FrameStats(0.1, False, moving=moving, fast=fast)
+            return len(
+                slice_gops([frame] * 96, "adaptive", minimum=4, maximum=32, fast_share=share)
+            )
+
+        assert gops(0.1, 0.0) < gops(0.1, 10.0) < gops(0.1, 40.0)
+        # Where all moves, short GOPs are dear.
+        assert gops(1.0, 40.0) == gops(0.1, 0.0)
+        assert gops(0.1, 40.0, share=0.0) == gops(0.1, 0.0)
+
     def test_no_frames(self) -> None:
         assert slice_gops([], "adaptive", minimum=12, maximum=32) == []
         assert slice_gops([], 5, minimum=1, maximum=1, longest_chain=9) == []
