@@ -113,8 +113,7 @@ class GopUnpacker:
         # Not before the checksum is known to be right: damage is no reason to stop.
         sizes = sum(self._reader.gops[link].size for link in chain)
         self._limits.check_expansion(4 * GAUSSIAN_PARAMETERS * entry.gaussians, sizes)
-        with _located(entry.chunk):
-            return unpack_gop(payload, self._reader.header, self._limits)
+        return unpack_gop(payload, self._reader.header, self._limits)
 
     def _whole(self, content: GopContent, reference: int | None) -> WholeGop:
         """Take over what stays of the reference, which is in memory."""

@@ -9,9 +9,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gsvrcodec.encoder.tuned import ANALYSIS
-from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, motion_degree, resize
+from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, lengths, resize
 from gsvrcodec.fit.start import gradient
 
 
@@ -74,10 +75,9 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
                 yield FrameStats(0.0, True, 0.0, detail)
             else:
                 flow = estimate(previous, small)
-                change = _change(previous, small, flow)
-                moving = _moving(small, flow)
-                fast = float(np.percentile(np.hypot(flow[..., 0], flow[..., 1]), 99))
-                yield FrameStats(motion_degree(flow), False, change, detail, moving, fast)
+                change, length = _change(previous, small, flow), lengths(flow)
+                motion, fast = float(length.mean()), float(np.percentile(length, 99))
+                yield FrameStats(motion, False, change, detail, _moving(small, length), fast)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
 
@@ -88,11 +88,10 @@ def _detail(image: Image) -> float:
     return sum(float(np.square(g).mean()) if g.size else 0.0 for g in gradients)
 
 
-def _moving(image: Image, flow: FlowField) -> float:
+def _moving(image: Image, length: NDArray[np.float32]) -> float:
     detail = gradient(image)
     total = float(detail.sum())
-    moves = np.hypot(flow[..., 0], flow[..., 1]) > ANALYSIS.moves_px
-    return float(detail[moves].sum()) / total if total else 0.0
+    return float(detail[length > ANALYSIS.moves_px].sum()) / total if total else 0.0
 
 
 def _change(previous: Image, image: Image, flow: FlowField) -> float:

@@ -45,6 +45,12 @@ def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) 
     return gx, gy, frames
 
 
+def halved(grid: GridSize) -> GridSize:
+    """A tri-plane of half as many cells a side in space."""
+    gx, gy, gt = grid
+    return -(-gx // 2), -(-gy // 2), gt
+
+
 def grid_parameters(grid: GridSize) -> int:
     """Stored numbers of a tri-plane."""
     gx, gy, gt = grid

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
-from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
+from gsvrcodec.encoder.budget import Budget, halved, most_gaussians, triplane_grid
 from gsvrcodec.encoder.carried import carried_of, new_of
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import CHAIN
@@ -78,8 +78,8 @@ class GopJob:
         """Gx, Gy, Gt of the tri-plane; zeros for none."""
         if self.budget.grid is not None:
             return self.budget.grid
-        gx, gy, gt = triplane_grid(self.size, len(self.frames), self.settings)
-        return (gx, gy, gt) if self.reference is None else (-(-gx // 2), -(-gy // 2), gt)
+        usual = triplane_grid(self.size, len(self.frames), self.settings)
+        return usual if self.reference is None else halved(usual)
 
     @property
     def seed(self) -> tuple[int, ...]:
@@ -187,20 +187,20 @@ def encode_gop(job: GopJob) -> EncodedGop:
         stored = as_published(fitted, backend)
     else:
         candidate = quantisable(fitted, options, backend, size, seed=job.seed)
+        predicted_from = reference if fitted.anchor is not None else None
         if budget.target_bytes is not None and budget.exact:
             stored = quantise_to_size(candidate, budget.target_bytes)
         elif budget.target_bytes is not None:
-            qscale, reach = (
-                RATE_CONTROL.coarser_key * candidate.usual_qscale,
-                RATE_CONTROL.key_reach,
-            )
-            if reference is not None and fitted.anchor is not None:
-                qscale, reach = reference.qscale, RATE_CONTROL.reach
+            if predicted_from is None:
+                qscale = RATE_CONTROL.coarser_key * candidate.usual_qscale
+                reach = RATE_CONTROL.key_reach
+            else:
+                qscale, reach = predicted_from.qscale, RATE_CONTROL.reach
             stored = quantise_near_size(candidate, budget.target_bytes, qscale, reach)
         elif budget.target_psnr is not None:
             stored = quantise_to_psnr(candidate, budget.target_psnr)
-        elif reference is not None and fitted.anchor is not None:
-            stored = candidate.quantised(reference.qscale)
+        elif predicted_from is not None:
+            stored = candidate.quantised(predicted_from.qscale)
         else:
             stored = candidate.quantised(candidate.usual_qscale)
     payload = pack(fitted, stored.gop, stored.precision, settings.pack)

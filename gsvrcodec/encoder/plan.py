@@ -13,6 +13,7 @@ from gsvrcodec.encoder.budget import (
     Budget,
     allocate,
     grid_parameters,
+    halved,
     most_gaussians,
     triplane_grid,
 )
@@ -186,7 +187,7 @@ def _grid(
     slow = fmean(frame.motion for frame in stats) < TRIPLANE.slow
     idle = slow and len(stats) * size[0] * size[1] > TRIPLANE.sparse * gaussians
     if dear or idle or predicted:
-        gx, gy = -(-gx // 2), -(-gy // 2)
+        gx, gy, gt = halved((gx, gy, gt))
     return gx, gy, -(-gt // 2) if idle else gt
 
 

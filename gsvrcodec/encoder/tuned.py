@@ -91,9 +91,10 @@ class _Chain:
     #: numbers that a predicted GOP stores, in those of a key GOP
     stored: float = 0.5
     #: Gaussians that a core can fit in a second of the wall time of a predicted GOP that changes
-    #: all over. 2 cores, 1 s a frame of 720p (2 s of 1080p), 24 frames at 0.24 bpp: bee 34 000
-    #: Gaussians in GOPs of 8 34.1 dB, 22 000 35.1 dB; driving 58 000 in GOPs of 6 31.3 dB, 38 000
-    #: 32.9 dB; flower 32 000 in GOPs of 12 better than 21 000
+    #: all over. 2 cores, 1 s a frame of 720p (2 s of 1080p), 24 frames: bee, GOPs of 8, 34 000
+    #: Gaussians 34.1 dB at 0.24 bpp, 22 000 35.1 dB at 0.20; driving, GOPs of 6, 58 000 31.3 dB at
+    #: 0.24, 38 000 32.9 dB at 0.21; flower, GOPs of 12, 32 000 39.8 dB at 0.16, 21 000 39.3 dB at
+    #: 0.15
     fitted_a_second: float = 1000.0
     #: effort for a frame of the first GOP, in that of other frames, because all of the chain gains
     key_effort: float = 2.0

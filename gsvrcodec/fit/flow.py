@@ -86,6 +86,6 @@ def _raft() -> FlowEstimator:
     return estimate
 
 
-def motion_degree(flow: FlowField) -> float:
-    """Mean length of the displacement, in pixels of the analysed frame (paper, "motion degree")."""
-    return float(np.hypot(flow[..., 0], flow[..., 1]).mean())
+def lengths(flow: FlowField) -> NDArray[np.float32]:
+    """Length of each displacement, (H, W) pixels; the mean is the paper's "motion degree"."""
+    return np.hypot(flow[..., 0], flow[..., 1])

@@ -164,7 +164,7 @@ def optimise(
             tensors = quantise(tensors)
         tau = float(footage.taus[index])
         loss = squared_error(field.backend, tensors, tau, targets[index], size, backdrop)
-        loss.backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward(loss)
         if price is not None and spent >= recipe.coarse:
             price.add(field)
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))

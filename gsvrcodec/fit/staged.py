@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.anchor import LOOK, Anchor
@@ -70,7 +71,7 @@ def quantise_in_stages(
             loss = squared_error(
                 backend, field.tensors(), float(taus[index]), targets[index], size, backdrop
             )
-            loss.backward()  # type: ignore[no-untyped-call]
+            torch.autograd.backward(loss)
             field.hold()
             adam.step(STAGED.rates * (1 - spent))
             effort.advance()

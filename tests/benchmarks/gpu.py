@@ -117,7 +117,7 @@ def correctness(device: str) -> list[Row]:
             field = Field(gop, "hybrid", backend)
             shown = backend.upload(target)
             loss = squared_error(backend, field.tensors(), 0.3, shown, coded)
-            loss.backward()  # type: ignore[no-untyped-call]
+            torch.autograd.backward(loss)
             gradients.append({k: v.grad.cpu() for k, v in field.raw.items() if v.grad is not None})
         on_cpu, on_gpu = gradients
         rows.append(

@@ -9,6 +9,7 @@ from collections import defaultdict
 from dataclasses import fields, replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -241,8 +242,8 @@ class TestUnpack:
         ("field", "value"),
         [("max_gaussians", 19), ("max_gop_frames", 2), ("max_grid", (4, 4, 3))],
     )
-    def test_over_a_maximum_of_the_header_fails(self, field: str, value: object) -> None:
-        header = replace(HEADER, **{field: value})  # type: ignore[arg-type]
+    def test_over_a_maximum_of_the_header_fails(self, field: str, value: Any) -> None:
+        header = replace(HEADER, **{field: value})
         with pytest.raises(CorruptError, match="the header's maximum is"):
             unpack_gop(make_payload(20, (4, 4, 4)), header, Limits())
 

@@ -167,7 +167,6 @@ class TestReport:
         assert "give the --crop" in line
 
     def test_plot(self, cli: Runner, path: Path, tmp_path: Path) -> None:
-        pytest.importorskip("matplotlib")
         assert cli("gsvrreport", making.NOISE, path, "--plot", tmp_path / "p.svg").code == 0
         assert (tmp_path / "p.svg").read_text().startswith("<?xml")
 

@@ -146,7 +146,8 @@ class TestPredicted:
         assert len(content.carried.mode) == 200
         assert content.carried.kept + len(content.new) == 200
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
-        assert done.qscale == job.reference.qscale  # type: ignore[union-attr]
+        assert job.reference is not None
+        assert done.qscale == job.reference.qscale
         assert done.float_psnr - done.psnr < 1
 
     @pytest.mark.parametrize("deform", get_args(Deform))

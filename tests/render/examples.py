@@ -153,7 +153,7 @@ def reference_render(
     }
     frame = reference.render(tensors, tau, example.size, example.coded_size)
     if weights is not None and frame.requires_grad:
-        (frame * torch.from_numpy(weights)).sum().backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward((frame * torch.from_numpy(weights)).sum())
     gradients = {
         name: np.zeros(tensor.shape) if tensor.grad is None else tensor.grad.numpy()
         for name, tensor in tensors.items()

@@ -232,13 +232,11 @@ class TestStudy:
 class TestPlot:
     @pytest.mark.parametrize(("suffix", "start"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
     def test_formats(self, noisy: Study, tmp_path: Path, suffix: str, start: bytes) -> None:
-        pytest.importorskip("matplotlib")
         target = tmp_path / f"plot{suffix}"
         plot(noisy, target)
         assert target.read_bytes().startswith(start)
 
     def test_what_is_drawn(self, noisy: Study) -> None:
-        pytest.importorskip("matplotlib")
         from matplotlib.figure import Figure
 
         from gsvrcodec.report.plot import plot_frames, plot_rates
