@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,7 @@ from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
+from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
 from gsvrcodec.encoder.plan import longest_chain, longest_gop, plan
@@ -46,6 +48,11 @@ from gsvrcodec.video import (
 )
 
 __all__ = ["EncodeResult", "GopStats", "Progress", "encode"]
+
+#: Part of the bits asked for that a file may leave without a word.
+_LEFT = 0.03
+
+_log = logging.getLogger(__name__)
 
 
 def encode(
@@ -156,6 +163,7 @@ def encode(
                 quality = {own.start: checkpoint.figures(own).psnr for own in gops}
                 verify_file(path, video, quality, threads)
         gop_stats = _gop_stats(gops, stats, writer, checkpoint)
+        _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
     count = gops[-1].stop
     return EncodeResult(
         path=Path(dst),
@@ -216,6 +224,17 @@ def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Ex
     if extras.tags != Tags():
         writer.add_auxiliary(METADATA_TYPE, extras.tags.to_bytes())
     return writer
+
+
+def _warn_of_bits_left(taken: int, planned: Sequence[Budget]) -> None:
+    """Say so if the file is smaller than it was to be."""
+    wanted = sum(budget.target_bytes or 0 for budget in planned)
+    if taken < (1 - _LEFT) * wanted:
+        _log.warning(
+            "the file takes %.0f %% of the bits asked for: more would win next to nothing at this "
+            "effort; a slower preset or more time would use them",
+            100 * taken / wanted,
+        )
 
 
 def _gop_stats(

@@ -65,13 +65,16 @@ F = TypeVar("F", bound=Trial)
 
 
 def quantise_to_size(candidate: Candidate[R], target_bytes: int) -> R:
-    """Quantise so that the payload takes at most `target_bytes`, and nearly as many."""
+    """Quantise so that the payload takes at most `target_bytes`, and nearly as many.
+
+    It takes fewer where more of them would win next to nothing.
+    """
     wanted = round((1 - RATE_CONTROL.size_room) * target_bytes)
     qscale = find_qscale(candidate.size, Target.of_size(wanted), candidate.usual_qscale)
     excess = candidate.size(qscale) - candidate.size(qscale, exact=True)
     if excess:
         qscale = find_qscale(candidate.size, Target.of_size(wanted + excess), qscale)
-    return candidate.quantised(qscale)
+    return candidate.quantised(max(qscale, _finest(candidate)))
 
 
 def quantise_near_size(
@@ -88,7 +91,12 @@ def quantise_near_size(
     miss = candidate.size(qscale) / target_bytes
     factor = miss ** (1 / RATE_CONTROL.size_power)
     wanted = qscale * min(max(factor, 1 / reach), reach)
-    return candidate.quantised(min(max(wanted, RATE_CONTROL.finest), RATE_CONTROL.coarsest))
+    return candidate.quantised(min(max(wanted, _finest(candidate)), RATE_CONTROL.coarsest))
+
+
+def _finest(candidate: Candidate[R]) -> float:
+    """Return the qscale below which bits buy next to nothing."""
+    return RATE_CONTROL.finest_usual * candidate.usual_qscale
 
 
 def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:

@@ -175,6 +175,8 @@ class _RateControl:
     reach: float = 2.0
     #: qscale of a key GOP whose chain has a size to meet, in the usual one
     coarser_key: float = 1.8
+    #: where a size is to be met, the finest qscale, in the usual one: it costs 0.05 dB
+    finest_usual: float = 0.5
     #: range of the qscale
     finest: float = 0.1
     coarsest: float = 16.0

@@ -192,6 +192,22 @@ class TestStats:
         assert all(gop.seconds > 0 for gop in result.gop_stats)
 
 
+    def test_bits_that_nothing_needs_are_left(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        target = tmp_path / "a.gsvr"
+        result = gsvrcodec.encode(making.NOISE, target, frames=8, bpp=4.0, time_budget=0.02)
+        assert result.bpp < 1.0
+        (record,) = caplog.records
+        assert "of the bits asked for" in record.getMessage()
+
+    def test_no_word_of_bits_without_a_target(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        quick(making.NOISE, tmp_path / "a.gsvr", frames=8)
+        assert not caplog.records
+
+
 class TestRefused:
     def test_output_that_exists(self, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"

@@ -89,7 +89,9 @@ class TestSize:
         wanted = candidate.bytes(answer)
         stored = quantise_to_size(candidate, wanted)
         assert stored.bytes <= wanted
-        assert stored.bytes >= 0.97 * wanted - 4
+        least = RATE_CONTROL.finest_usual * usual
+        assert stored.bytes >= 0.97 * min(wanted, candidate.bytes(least)) - 4
+        assert stored.qscale >= least
         assert candidate.trials == [1]
 
     def test_what_the_quick_choice_takes_more_is_used(self) -> None:
@@ -102,7 +104,7 @@ class TestSize:
         stored = quantise_to_size(MadeUp(), 20_000)
         assert stored.bytes <= (1 - RATE_CONTROL.size_room) * 20_000 + 1
 
-    @pytest.mark.parametrize(("size", "end"), [(10**9, FINEST), (1, COARSEST)])
+    @pytest.mark.parametrize(("size", "end"), [(10**9, 0.5), (1, COARSEST)])
     def test_out_of_reach(self, size: int, end: float) -> None:
         assert quantise_to_size(MadeUp(share=0.02), size).qscale == pytest.approx(end)
 
@@ -120,10 +122,14 @@ class TestNearSize:
         assert candidate.trials == [1]
         assert candidate.exact == []
 
-    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.7 / 1.5), (1, 0.7 * 1.5)])
+    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.8 / 1.5), (1, 0.8 * 1.5)])
     def test_within_reach(self, size: int, qscale: float) -> None:
-        stored = quantise_near_size(MadeUp(), size, 0.7, 1.5)
+        stored = quantise_near_size(MadeUp(), size, 0.8, 1.5)
         assert stored.qscale == pytest.approx(qscale)
+
+    def test_bits_that_win_nothing_are_left(self) -> None:
+        stored = quantise_near_size(MadeUp(), 10**9, 0.8, 4.0)
+        assert stored.qscale == RATE_CONTROL.finest_usual
 
 
 class TestQuality:
