@@ -191,7 +191,6 @@ class TestStats:
         assert first.bpp == 8 * first.bytes / (first.frames * 241 * 135)
         assert all(gop.seconds > 0 for gop in result.gop_stats)
 
-
     def test_bits_that_nothing_needs_are_left(
         self, tmp_path: Path, caplog: pytest.LogCaptureFixture
     ) -> None:
