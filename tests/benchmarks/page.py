@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 
 from gsvrcodec.report.curve import RateCurve
 from tests.benchmarks.markdown import number, settings_text, table
@@ -26,6 +26,9 @@ PAGE = Path(__file__).parents[2] / "samples" / "results"
 
 #: PSNR at which rates are compared, dB.
 LEVELS = (33.0, 35.65, 38.29)
+
+#: How the curves of clips that were encoded at the bits of x264 are named.
+_EQUAL_BITS = ", equal-bits"
 
 #: Tables of rows that differ in one setting, and what they show.
 ABLATIONS = {
@@ -218,6 +221,38 @@ def interpolation_section(results: dict[str, Json]) -> Iterator[str]:
             yield ""
 
 
+def bd_section(results: dict[str, Json]) -> Iterator[str]:
+    """Yield the BD-rates of the clips that were encoded at the bits of x264, and their means."""
+    curves = {
+        (key.removesuffix(_EQUAL_BITS), curve["label"]): curve
+        for result in results.values()
+        for key, found in result.get("against", {}).items()
+        if key.endswith(_EQUAL_BITS)
+        for curve in found
+    }
+    if not curves:
+        return
+    clips, labels = (list(dict.fromkeys(names)) for names in zip(*curves, strict=True))
+    yield "## Against other encoders, 96 frames of other clips"
+    yield ""
+    yield "Bits of ours more (+) or fewer (-) at equal PSNR, and in brackets at equal MS-SSIM, %:"
+    yield "BD-rates over what both reach. Ours takes a second a frame of 1280x720, in proportion to"
+    yield "the pixels, and two at most. The curves of each clip are below."
+    yield ""
+    rows = [[clip, *(_percents([curves[clip, label]]) for label in labels)] for clip in clips]
+    rows.append(["mean", *(_percents([curves[c, label] for c in clips]) for label in labels)])
+    yield from table(["clip", *labels], rows)
+
+
+def _percents(curves: list[Json]) -> str:
+    """Return the mean BD-rates of curves by PSNR and by MS-SSIM, of those that have one."""
+    means = []
+    for key in ("bd_rate", "bd_rate_ms_ssim"):
+        known = [curve[key]["percent"] for curve in curves if curve[key]]
+        means.append(f"{fmean(known):+.0f}" if known else "-")
+    return f"{means[0]} ({means[1]})"
+
+
 def clips_section(results: dict[str, Json]) -> Iterator[str]:
     """Yield the tables of other clips."""
     for name, result in results.items():
@@ -303,6 +338,7 @@ def page(results: dict[str, Json]) -> str:
         'conversion. "tune psnr" is x264 without its settings for the eye, which cost PSNR.',
         "",
         *rate_section(results),
+        *bd_section(results),
         *time_section(results),
     ]
     for name, title in ABLATIONS.items():

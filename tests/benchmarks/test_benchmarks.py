@@ -20,7 +20,7 @@ from tests import making
 from tests.benchmarks.clips import diverged, summary
 from tests.benchmarks.encodes import MemoryWatch, Row, measure
 from tests.benchmarks.interpolation import interpolate
-from tests.benchmarks.page import PAGE, RESULTS, clips_section, page
+from tests.benchmarks.page import PAGE, RESULTS, bd_section, clips_section, page
 from tests.benchmarks.results_read import load
 
 ROW = Row(
@@ -192,3 +192,21 @@ class TestPage:
         assert "33.0 to 41.0 dB" in bd_rate
         (rates,) = (line for line in lines if line.startswith("| twice | 0.0400 "))
         assert rates.endswith("| 20 | 100 |")
+
+    def test_means_over_clips(self) -> None:
+        def curve(percent: float, similar: float | None) -> dict[str, Any]:
+            similar_rate = None if similar is None else {"percent": similar}
+            return {"label": "x", "bd_rate": {"percent": percent}, "bd_rate_ms_ssim": similar_rate}
+
+        results = {
+            "clips-bits-a": {"against": {"a.mp4, equal-bits": [curve(-30.0, 10.0)]}},
+            "clips-bits-b": {"against": {"b.mp4, equal-bits": [curve(10.0, None)]}},
+            "clips-other": {"against": {"c.mp4": [curve(99.0, 99.0)]}},
+        }
+        assert list(bd_section(results))[-4:] == [
+            "| a.mp4 | -30 (+10) |",
+            "| b.mp4 | +10 (-) |",
+            "| mean | -10 (+10) |",
+            "",
+        ]
+        assert not list(bd_section({}))
