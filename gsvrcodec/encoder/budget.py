@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
+from gsvrcodec.render.device import choose_device
+from gsvrcodec.render.native import resolve_threads
 
 #: Stored numbers a pixel and frame by default: the paper's 3M for its clip.
 DEFAULT_DENSITY = 3e6 / (132 * 1280 * 640)
@@ -31,6 +34,16 @@ class Budget:
 def most_gaussians(size: tuple[int, int]) -> int:
     """One Gaussian for each two pixels of a frame."""
     return max(1, size[0] * size[1] // 2)
+
+
+def fittable(seconds: float, settings: EncodeSettings) -> float:
+    """Most Gaussians that a fit of so many seconds suffices for, on a CPU.
+
+    With more of them a predicted GOP takes too few steps, and looks worse at more bits.
+    """
+    if choose_device(settings.device) != "cpu":
+        return math.inf
+    return seconds * resolve_threads(settings.threads) * CHAIN.fitted_a_second
 
 
 def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> GridSize:

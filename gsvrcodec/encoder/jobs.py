@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
-from gsvrcodec.encoder.budget import Budget, halved, most_gaussians, triplane_grid
+from gsvrcodec.encoder.budget import Budget, fittable, halved, most_gaussians, triplane_grid
 from gsvrcodec.encoder.carried import carried_of, new_of
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import CHAIN
@@ -114,12 +115,13 @@ def encode_gop(job: GopJob) -> EncodedGop:
 
     def allowance(gaussians: int, share: float = 1.0) -> Allowance:
         """Return a share of the job's effort, without the time that packing takes."""
-        seconds = None
+        seconds, most = None, math.inf
         if job.seconds is not None:
+            most = fittable(job.seconds, settings)
             packing = EFFORT.packing_seconds * gaussians
             packing = min(packing, EFFORT.packing_share * job.seconds)
             seconds = share * (job.seconds - packing) - (time.perf_counter() - began)
-        return Allowance(share * job.steps, seconds)
+        return Allowance(share * job.steps, seconds, most)
 
     def fit(gaussians: int, share: float = 1.0) -> Fit:
         """Fit so many Gaussians of a key GOP with a share of the job's effort."""

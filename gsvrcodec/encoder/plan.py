@@ -12,6 +12,7 @@ from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.budget import (
     Budget,
     allocate,
+    fittable,
     grid_parameters,
     halved,
     most_gaussians,
@@ -22,8 +23,6 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, GOP_LENGTH, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, GridSize
-from gsvrcodec.render.device import choose_device
-from gsvrcodec.render.native import resolve_threads
 
 
 def longest_gop(
@@ -102,7 +101,7 @@ def plan(
     for chain, whole, most_bytes in zip(chains, bits, sizes, strict=True):
         weights = bit_weights(chain, stats)
         gaussians = whole / (_gaussian_bits(chain) * sum(weights))
-        most = min(most_gaussians(size), _fittable(chain, weights, settings))
+        most = min(most_gaussians(size), _most_gaussians(chain, weights, settings))
         gaussians = max(1, round(min(gaussians, most)))
         for number, (gop, weight) in enumerate(zip(chain, weights, strict=True)):
             own = stats[gop.start : gop.stop]
@@ -124,16 +123,12 @@ def bit_weights(chain: Chain, stats: Sequence[FrameStats]) -> list[float]:
     return weights
 
 
-def _fittable(chain: Chain, weights: Sequence[float], settings: EncodeSettings) -> float:
-    """Most Gaussians that the wall time of an encode suffices for, on a CPU.
-
-    With more of them a predicted GOP takes too few steps, and looks worse at more bits.
-    """
-    if settings.time_budget is None or choose_device(settings.device) != "cpu":
+def _most_gaussians(chain: Chain, weights: Sequence[float], settings: EncodeSettings) -> float:
+    """Most Gaussians in each GOP of a chain that the wall time of an encode suffices for."""
+    if settings.time_budget is None:
         return math.inf
     gops, changing = (chain[1:], fmean(weights[1:])) if len(chain) > 1 else (chain, 1.0)
-    seconds = settings.time_budget * fmean(map(len, gops)) * resolve_threads(settings.threads)
-    return seconds * CHAIN.fitted_a_second / changing
+    return fittable(settings.time_budget * fmean(map(len, gops)), settings) / changing
 
 
 def _gaussian_bits(chain: Chain) -> float:

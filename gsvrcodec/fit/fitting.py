@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ class Allowance:
 
     steps: float  #: optimiser steps, without `seconds`
     seconds: float | None  #: wall time; None = by steps
+    gaussians: float = math.inf  #: so many Gaussians may change in this time
 
     def split(
         self, *, tune: bool, least_steps: int, began: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -77,7 +78,7 @@ def fit_predicted(
     look = reference.look[there]
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
-    stays = worth < PREDICTION.kept_bits * bit
+    stays = worth < _least_worth(worth, bit, allowance.gaussians)
     extra = gaussians - len(there)
     if stays.all() and extra <= 0:
         stays[worth.argmax()] = False  # something has to be fitted
@@ -161,6 +162,15 @@ def change_worth(
     pixels = footage.frames[0].size / small[0].size  # of the footage for each that was looked at
     worth: NDArray[np.float64] = gain * (255.0**2 / 3 * pixels * frames / len(chosen))
     return worth
+
+
+def _least_worth(worth: NDArray[np.float64], bit: float, most: float) -> float:
+    """Return what a change has to be worth, so that about `most` Gaussians change or fewer."""
+    least = PREDICTION.kept_bits * bit
+    if most >= len(worth):
+        return least
+    enough = float(np.partition(worth, -int(most))[-int(most)]) if most >= 1 else math.inf
+    return min(max(least, enough), PREDICTION.hurried * least)
 
 
 def _strongest(look: Look, count: int) -> NDArray[np.intp]:

@@ -292,6 +292,15 @@ class TestFit:
         assert fit.steps == PREDICTION.least_steps
         assert fit.tuning == Allowance(EFFORT.least_tuning_steps, None)
 
+    def test_fewer_change_if_time_is_short(self, key: Key) -> None:
+        """The threshold rises until the time suffices, but not without bound."""
+        changing = [
+            np.count_nonzero(~parts(predicted(key, film(2), allowance=one))[0])
+            for one in (Allowance(60, None), Allowance(60, None, 40), Allowance(60, None, 0.0))
+        ]
+        assert changing[0] > changing[1] >= changing[2] > 0
+        assert changing[1] >= 40
+
     def test_no_time_left(self, key: Key) -> None:
         fit = predicted(key, film(2), allowance=Allowance(10**9, -5.0))
         assert_finite(fit.gop)
