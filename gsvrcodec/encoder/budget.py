@@ -70,6 +70,15 @@ def grid_parameters(grid: GridSize) -> int:
     return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)
 
 
+def key_gaussians(size: int, grid: GridSize) -> int:
+    """Gaussians of a key GOP in a chain for a payload of `size` bytes.
+
+    Its tri-plane takes a part of the bytes, but half of them are for Gaussians.
+    """
+    bits = max(8 * size - CHAIN.number_bits * grid_parameters(grid), 4 * size)
+    return round(bits / CHAIN.gaussian_bits)
+
+
 def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
     """Gaussians of the GOPs of each chain, when no size and no quality is asked for.
 

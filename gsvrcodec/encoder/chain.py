@@ -6,6 +6,7 @@ import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,7 @@ def chain_jobs(
     began = time.perf_counter()
     efforts = shared_efforts(list(map(len, chain.gops)))
     state = _State(settings, sum(budget.target_bytes or 0 for budget in budgets))
+    overruns: list[float] = []  # seconds that GOPs took beyond their time, to start and to pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
             state.add(finished[number], gop, budget)
@@ -57,7 +59,8 @@ def chain_jobs(
         left = None
         if seconds is not None:
             waiting = [len(g) * e for g, e in zip(chain.gops, efforts, strict=True)][number:]
-            left = max(0.0, seconds - (time.perf_counter() - began)) * waiting[0] / sum(waiting)
+            spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
+            left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
         pictures, chain.pictures[number] = chain.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
         job = GopJob(
             frames=pictures,
@@ -71,8 +74,10 @@ def chain_jobs(
             reference=state.reference,
         )
         del pictures
+        asked = time.perf_counter()
         result = yield job
         del job
+        overruns.append(max(0.0, time.perf_counter() - asked - (left or 0.0)))
         if number + 1 < len(chain.gops):
             state.add(result, gop, budget)
 

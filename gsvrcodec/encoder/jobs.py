@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
-from gsvrcodec.encoder.budget import Budget, fittable, halved, most_gaussians, triplane_grid
+from gsvrcodec.encoder.budget import (
+    Budget,
+    fittable,
+    halved,
+    key_gaussians,
+    most_gaussians,
+    triplane_grid,
+)
 from gsvrcodec.encoder.carried import carried_of, new_of
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.fit import predicted
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
@@ -179,7 +185,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
     elif budget.target_psnr is None:
         gaussians = budget.gaussians
         if reference is not None and budget.target_bytes is not None:
-            gaussians = min(gaussians, round(8 * budget.target_bytes / CHAIN.gaussian_bits))
+            gaussians = min(gaussians, key_gaussians(budget.target_bytes, job.grid))
         fitted = fit(max(1, gaussians))
     else:
         refits = RATE_CONTROL.refits if job.seconds is None else 0

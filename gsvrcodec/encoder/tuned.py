@@ -88,6 +88,8 @@ class _Chain:
     evenness: float = 0.5
     #: bits of the payload of a key GOP for each Gaussian
     gaussian_bits: float = 62.0
+    #: bits of the payload of a small GOP for each number of its tri-plane. cup at 0.015 bpp
+    number_bits: float = 5.0
     #: numbers that a predicted GOP stores, in those of a key GOP
     stored: float = 0.5
     #: Gaussians that a core can fit in a second of the wall time of a predicted GOP that changes

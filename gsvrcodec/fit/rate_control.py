@@ -86,11 +86,14 @@ def quantise_near_size(
         candidate: a fit.
         target_bytes: of the payload.
         qscale: the qscale to begin with.
-        reach: most factor by which the qscale may differ from that.
+        reach: factor by which the qscale may differ from that; by more only if the payload takes
+            far too many bytes else.
     """
     miss = candidate.size(qscale) / target_bytes
-    factor = miss ** (1 / RATE_CONTROL.size_power)
-    wanted = qscale * min(max(factor, 1 / reach), reach)
+    factor, enough = (
+        (miss / excess) ** (1 / RATE_CONTROL.size_power) for excess in (1.0, RATE_CONTROL.excess)
+    )
+    wanted = qscale * max(min(max(factor, 1 / reach), reach), enough)
     return candidate.quantised(min(max(wanted, _finest(candidate)), RATE_CONTROL.coarsest))
 
 

@@ -176,6 +176,9 @@ class _RateControl:
     #: reference, where a size need not be met exactly
     key_reach: float = 1.4
     reach: float = 2.0
+    #: size in that asked for, above which the qscale may differ by any factor. Too many bytes taken
+    #: by each GOP left one Gaussian for the last of ten, and 12 dB: cup, 96 frames at 0.015 bpp
+    excess: float = 1.2
     #: qscale of a key GOP whose chain has a size to meet, in the usual one
     coarser_key: float = 1.8
     #: where a size is to be met, the finest qscale, in the usual one: it costs 0.05 dB

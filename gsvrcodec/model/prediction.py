@@ -23,6 +23,9 @@ DROPPED = 4
 
 Modes = NDArray[np.uint8]
 
+#: Gaussians at a time, so that their offsets stay in the cache.
+_BLOCK = 2048
+
 _LOOK = ("position", "log_scale", "rotation", "colour")
 _MOTION = ("indicator", "linear", "quadratic")
 _BOUNDS = {a.name: (a.low, a.high) for a in ATTRIBUTES}
@@ -85,13 +88,15 @@ def look_at(gop: Gop, tau: float) -> Look:
     if gop.xy.size:
         bent = np.flatnonzero(gop.indicator != 1)
         if len(bent):
-            strength = 1 - gop.indicator[bent, None].astype(np.float64)
-            offset = strength * _triplane(gop, gop.position[bent], tau)
-            position[bent] += offset[:, :2]
-            scale = np.exp(log_scale[bent].astype(np.float64)) + offset[:, 2:4]
-            log_scale[bent] = np.log(np.maximum(scale, MIN_SCALE))
-            rotation[bent] = rotation[bent] + offset[:, 4]
-            colour[bent] = colour[bent] + offset[:, 5:]
+            for first in range(0, len(bent), _BLOCK):
+                some = bent[first : first + _BLOCK]
+                strength = 1 - gop.indicator[some, None].astype(np.float64)
+                offset = strength * _triplane(gop, gop.position[some], tau)
+                position[some] += offset[:, :2]
+                scale = np.exp(log_scale[some].astype(np.float64)) + offset[:, 2:4]
+                log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
+                rotation[some] = rotation[some] + offset[:, 4]
+                colour[some] = colour[some] + offset[:, 5:]
     return Look(position.astype(np.float32), log_scale, rotation, colour)
 
 
@@ -166,15 +171,31 @@ def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float6
     x0, x1, fx = _cell(x, columns)
     y0, y1, fy = _cell(y, rows)
     flat = gop.xy.reshape(rows * columns, -1).astype(np.float64)
-    top = flat[y0 * columns + x0] * (1 - fx) + flat[y0 * columns + x1] * fx
-    bottom = flat[y1 * columns + x0] * (1 - fx) + flat[y1 * columns + x1] * fx
-    offset: NDArray[np.float64] = top * (1 - fy) + bottom * fy
+    top = _between(flat, y0 * columns + x0, y0 * columns + x1, fx)
+    offset = _between(flat, y1 * columns + x0, y1 * columns + x1, fx)
+    offset *= fy
+    offset += top * (1 - fy)
     (t0,), (t1,), ((ft,),) = _cell(np.array([tau]), len(gop.xt))
     along_x = gop.xt[t0].astype(np.float64) * (1 - ft) + gop.xt[t1] * ft
     along_y = gop.yt[t0].astype(np.float64) * (1 - ft) + gop.yt[t1] * ft
-    offset *= along_x[x0] * (1 - fx) + along_x[x1] * fx
-    offset *= along_y[y0] * (1 - fy) + along_y[y1] * fy
+    offset *= _between(along_x, x0, x1, fx)
+    offset *= _between(along_y, y0, y1, fy)
     return offset
+
+
+def _between(
+    rows: NDArray[np.float64],
+    low: NDArray[np.intp],
+    high: NDArray[np.intp],
+    fraction: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Interpolate between rows of a table. `np.take`: many times as fast as an index."""
+    value = np.take(rows, low, 0)
+    value *= 1 - fraction
+    upper = np.take(rows, high, 0)
+    upper *= fraction
+    value += upper
+    return value
 
 
 def _cell(

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gsvrcodec.encoder.budget import (
     allocate,
     grid_parameters,
+    key_gaussians,
     most_gaussians,
     triplane_grid,
 )
@@ -127,3 +128,15 @@ def test_no_grid_for_a_polynomial(profile: Profile) -> None:
 def test_at_most_a_gaussian_for_two_pixels() -> None:
     assert most_gaussians((1280, 640)) == 409_600
     assert most_gaussians((1, 1)) == 1
+
+
+def test_a_tri_plane_takes_a_part_of_a_key_gop() -> None:
+    alone, shared, tiny = (
+        key_gaussians(size, grid)
+        for size, grid in ((6200, (0, 0, 0)), (6200, (16, 12, 8)), (100, (16, 12, 8)))
+    )
+    assert alone == 8 * 6200 / CHAIN.gaussian_bits
+    assert alone - shared == pytest.approx(
+        CHAIN.number_bits * grid_parameters((16, 12, 8)) / CHAIN.gaussian_bits, abs=1
+    )
+    assert tiny == round(400 / CHAIN.gaussian_bits)

@@ -177,11 +177,19 @@ class TestTime:
         efforts = shared_efforts(LENGTHS)
         weights = [length * effort for length, effort in zip(LENGTHS, efforts, strict=True)]
         jobs = chain_jobs(frames_of(), [BUDGET] * 4, EncodeSettings(), [], 60.0)
-        assert next(jobs).seconds == pytest.approx(60 * weights[0] / sum(weights))
-        now = 140.0  # the first GOP took long
-        assert jobs.send(RESULTS[0]).seconds == pytest.approx(20 * weights[1] / sum(weights[1:]))
+        first = 60 * weights[0] / sum(weights)
+        assert next(jobs).seconds == pytest.approx(first)
+        now += first + 2.0  # so long beyond its time each of the three others may take, too
+        left = 60 - first - 2.0 - 3 * 2.0
+        assert jobs.send(RESULTS[0]).seconds == pytest.approx(left * weights[1] / sum(weights[1:]))
         now = 999.0
         assert jobs.send(RESULTS[1]).seconds == 0
+
+    def test_a_gop_may_take_less(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("time.perf_counter", lambda: 7.0)
+        jobs = jobs_of(seconds=60.0)
+        # The clock stands still, so the last GOP gets all of it.
+        assert jobs[-1].seconds == pytest.approx(60)
 
     def test_finished_gops_take_none(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("time.perf_counter", lambda: 7.0)

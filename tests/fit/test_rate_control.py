@@ -122,10 +122,16 @@ class TestNearSize:
         assert candidate.trials == [1]
         assert candidate.exact == []
 
-    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.8 / 1.5), (1, 0.8 * 1.5)])
+    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.8 / 1.5), (16_500, 0.8 * 1.5)])
     def test_within_reach(self, size: int, qscale: float) -> None:
         stored = quantise_near_size(MadeUp(), size, 0.8, 1.5)
         assert stored.qscale == pytest.approx(qscale)
+
+    def test_far_too_much_is_never_taken(self) -> None:
+        candidate = MadeUp()
+        wanted = candidate.bytes(4.0)
+        stored = quantise_near_size(candidate, wanted, 0.8, 1.5)
+        assert stored.bytes < 1.1 * RATE_CONTROL.excess * wanted
 
     def test_bits_that_win_nothing_are_left(self) -> None:
         stored = quantise_near_size(MadeUp(), 10**9, 0.8, 4.0)
