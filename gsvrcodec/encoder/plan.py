@@ -20,38 +20,41 @@ from gsvrcodec.encoder.budget import (
 )
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
-from gsvrcodec.encoder.tuned import CHAIN, GOP_LENGTH, RATE, TRIPLANE
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, GOP_LENGTH, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, GridSize
 
 
-def longest_gop(
+def gop_limits(
     stats: Sequence[FrameStats], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
-) -> int:
-    """Frames of the longest adaptive GOP.
+) -> tuple[int, float]:
+    """Frames of the longest adaptive GOP, and motion at which a GOP ends.
 
-    A Gaussian that lives longer is paid for less often; but many Gaussians in a long GOP take a
-    long fit. So GOPs that are not predicted are the longer the fewer bits a frame gets.
+    A Gaussian that lives longer is paid for less often, but follows less of the motion, and many
+    Gaussians in a long GOP take a long fit. So GOPs are the longer the fewer bits a frame gets.
 
     Args:
         stats: Statistics of every frame.
         size: Width and height, pixels.
         settings: Of the encode.
         seconds: Duration of the video.
+
+    Returns:
+        Frames, and motion in pixels of the analysed frame.
     """
-    if settings.gop_max is not None:
-        return settings.gop_max
-    if settings.predicts:
-        return max(CHAIN.longest, settings.gop_min)
-    if not settings.has_target or not stats:
-        return max(GOP_LENGTH.shortest, settings.gop_min)
-    if settings.target_psnr is not None:
+    bpp = math.inf
+    if stats and settings.target_psnr is not None:
         bpp = _bpp(stats, settings.target_psnr)
-    else:
+    elif stats and settings.has_target:
         _, total = _wanted(settings, size, len(stats), seconds, 0)
         bpp = 8 * total / (len(stats) * size[0] * size[1])
-    by_rate = min(round(GOP_LENGTH.frames_bpp / bpp), GOP_LENGTH.longest)
-    return max(GOP_LENGTH.shortest, by_rate, settings.gop_min)
+    if settings.predicts:
+        longer = min(max(1.0, CHAIN.longer_bpp / bpp), CHAIN.longer)
+        longest, threshold = round(longer * CHAIN.longest), longer * CHAIN.threshold
+    else:
+        by_rate = min(round(GOP_LENGTH.frames_bpp / bpp), GOP_LENGTH.longest)
+        longest, threshold = max(GOP_LENGTH.shortest, by_rate), ANALYSIS.threshold
+    return settings.gop_max or max(longest, settings.gop_min), threshold
 
 
 def longest_chain(frames: int, settings: EncodeSettings, *, seconds: float) -> int:

@@ -9,9 +9,9 @@ import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
-from gsvrcodec.encoder.plan import bit_weights, longest_chain, longest_gop, plan
+from gsvrcodec.encoder.plan import bit_weights, gop_limits, longest_chain, plan
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import CHAIN
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
 from gsvrcodec.errors import UsageError
 from tests.encoder.test_budget import chains_of
 
@@ -198,8 +198,10 @@ class TestPlan:
     ("settings", "frames"),
     [
         ({}, CHAIN.longest),
-        ({"bpp": 0.001}, CHAIN.longest),
-        ({"target_psnr": 30.0}, CHAIN.longest),
+        ({"bpp": 0.2}, CHAIN.longest),
+        ({"bpp": CHAIN.longer_bpp / 1.5}, 1.5 * CHAIN.longest),
+        ({"bpp": 0.001}, CHAIN.longer * CHAIN.longest),
+        ({"target_psnr": 45.0}, CHAIN.longest),
         ({"gop_min": 40}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
         ({"keyint": 0}, 32),
@@ -215,13 +217,24 @@ class TestPlan:
 def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
     stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
     chosen = EncodeSettings(**settings)
-    assert longest_gop(stats, (320, 180), chosen, seconds=3.0) == frames
+    assert gop_limits(stats, (320, 180), chosen, seconds=3.0)[0] == frames
+
+
+def test_gops_follow_more_motion_at_low_rates() -> None:
+    stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
+
+    def threshold(**settings: Any) -> float:
+        return gop_limits(stats, (320, 180), EncodeSettings(**settings), seconds=3.0)[1]
+
+    assert threshold() == threshold(bpp=0.2) == CHAIN.threshold
+    assert threshold(bpp=0.001) == threshold(bpp=0.001, gop_max=9) == 2 * CHAIN.threshold
+    assert threshold(keyint=0) == threshold(keyint=0, bpp=0.001) == ANALYSIS.threshold
 
 
 def test_low_quality_has_longer_key_gops() -> None:
     stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
     low, high = (
-        longest_gop(stats, (320, 180), EncodeSettings(target_psnr=psnr, keyint=0), seconds=3.0)
+        gop_limits(stats, (320, 180), EncodeSettings(target_psnr=psnr, keyint=0), seconds=3.0)[0]
         for psnr in (28.0, 40.0)
     )
     assert low > 2 * high
