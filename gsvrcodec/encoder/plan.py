@@ -50,7 +50,8 @@ def gop_limits(
         bpp = 8 * total / (len(stats) * size[0] * size[1])
     if settings.predicts:
         longer = min(max(1.0, CHAIN.longer_bpp / bpp), CHAIN.longer)
-        longest, threshold = round(longer * CHAIN.longest), longer * CHAIN.threshold
+        longest = round(longer**CHAIN.longest_power * CHAIN.longest)
+        threshold = longer * CHAIN.threshold
     else:
         by_rate = min(round(GOP_LENGTH.frames_bpp / bpp), GOP_LENGTH.longest)
         longest, threshold = max(GOP_LENGTH.shortest, by_rate), ANALYSIS.threshold

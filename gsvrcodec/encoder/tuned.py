@@ -74,11 +74,13 @@ class _Chain:
     #: frames of the longest predicted GOP, and motion at which it ends, px of the analysed frame
     longest: int = 24
     threshold: float = 16.0
-    #: bpp below which both are larger, and most factor. Twice as large: cup at 0.015 bpp +2.8 dB,
-    #: Bunny at 0.025 bpp +1.3 dB, at 0.06 bpp -0.2 dB, flower at 0.026 bpp +1.1 dB, bee at 0.031
-    #: bpp -0.35 dB
+    #: bpp below which both are larger, most factor of the motion, and its power that the frames are
+    #: larger by. At 0.045 / bpp, power 1 and 2.4: cup at 0.015 bpp +2.8 and +3.5 dB, Bunny at 0.025
+    #: bpp +1.3 and +1.6 dB, flower at 0.026 bpp +1.1 and +1.6 dB, bee at 0.031 bpp -0.2 dB. Twice
+    #: the motion at 0.06 bpp: Bunny -0.2 dB; GOPs of 64 frames at 0.044 bpp: cup -0.35 dB
     longer_bpp: float = 0.045
     longer: float = 2.0
+    longest_power: float = 2.4
     #: what the fastest 1 % of a frame adds to its motion, where the rest stands still. soccer, 72
     #: frames at 0.08 bpp in GOPs of 18 / 11 / 7: 31.1 / 30.3 / 29.5 dB, but where it moves 27.2 /
     #: 28.9 / 29.4 dB. Bunny loses 0.6 dB if its GOPs become as short, because it moves all over

@@ -199,8 +199,8 @@ class TestPlan:
     [
         ({}, CHAIN.longest),
         ({"bpp": 0.2}, CHAIN.longest),
-        ({"bpp": CHAIN.longer_bpp / 1.5}, 1.5 * CHAIN.longest),
-        ({"bpp": 0.001}, CHAIN.longer * CHAIN.longest),
+        ({"bpp": CHAIN.longer_bpp / 1.5}, round(1.5**CHAIN.longest_power * CHAIN.longest)),
+        ({"bpp": 0.001}, round(CHAIN.longer**CHAIN.longest_power * CHAIN.longest)),
         ({"target_psnr": 45.0}, CHAIN.longest),
         ({"gop_min": 40}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
