@@ -87,16 +87,15 @@ def look_at(gop: Gop, tau: float) -> Look:
     log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
     if gop.xy.size:
         bent = np.flatnonzero(gop.indicator != 1)
-        if len(bent):
-            for first in range(0, len(bent), _BLOCK):
-                some = bent[first : first + _BLOCK]
-                strength = 1 - gop.indicator[some, None].astype(np.float64)
-                offset = strength * _triplane(gop, gop.position[some], tau)
-                position[some] += offset[:, :2]
-                scale = np.exp(log_scale[some].astype(np.float64)) + offset[:, 2:4]
-                log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
-                rotation[some] = rotation[some] + offset[:, 4]
-                colour[some] = colour[some] + offset[:, 5:]
+        for first in range(0, len(bent), _BLOCK):
+            some = bent[first : first + _BLOCK]
+            strength = 1 - gop.indicator[some, None].astype(np.float64)
+            offset = strength * _triplane(gop, gop.position[some], tau)
+            position[some] += offset[:, :2]
+            scale = np.exp(log_scale[some].astype(np.float64)) + offset[:, 2:4]
+            log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
+            rotation[some] = rotation[some] + offset[:, 4]
+            colour[some] = colour[some] + offset[:, 5:]
     return Look(position.astype(np.float32), log_scale, rotation, colour)
 
 

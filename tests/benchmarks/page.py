@@ -10,6 +10,7 @@ from pathlib import Path
 from statistics import fmean, median
 
 from gsvrcodec.report.curve import RateCurve
+from tests.benchmarks.clips import EQUAL_BITS
 from tests.benchmarks.markdown import number, settings_text, table
 from tests.benchmarks.results_plots import plot_rates, plot_times
 from tests.benchmarks.results_read import (
@@ -27,8 +28,8 @@ PAGE = Path(__file__).parents[2] / "samples" / "results"
 #: PSNR at which rates are compared, dB.
 LEVELS = (33.0, 35.65, 38.29)
 
-#: How the curves of clips that were encoded at the bits of x264 are named.
-_EQUAL_BITS = ", equal-bits"
+#: How the curves of clips that were encoded at the bits of x264 are named, after the clip.
+_EQUAL_BITS = f", {EQUAL_BITS}"
 
 #: Tables of rows that differ in one setting, and what they show.
 ABLATIONS = {
@@ -233,7 +234,7 @@ def bd_section(results: dict[str, Json]) -> Iterator[str]:
     if not curves:
         return
     clips, labels = (list(dict.fromkeys(names)) for names in zip(*curves, strict=True))
-    yield "## Against other encoders, 96 frames of other clips"
+    yield "## Against other encoders, the first 96 frames of other clips"
     yield ""
     yield "Bits of ours more (+) or fewer (-) at equal PSNR, and in brackets at equal MS-SSIM, %:"
     yield "BD-rates over what both reach. Ours takes a second a frame of 1280x720, in proportion to"

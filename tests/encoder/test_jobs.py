@@ -178,13 +178,19 @@ class TestPredicted:
         assert content.carried is None
         assert (content.reference, len(content.new)) == (0, 200)
 
-    @pytest.mark.parametrize("share", [0.6, 0.8])
+    @pytest.mark.parametrize("share", [0.6, 0.7, 0.8])
     def test_size(self, key: tuple[GopJob, EncodedGop], share: float) -> None:
         size = int(share * len(key[1].payload))
         job = following(key, self.GOES_ON, Budget(200, target_bytes=size))
         done = encode_gop(job)
         assert 0.9 * size <= len(done.payload) <= 1.02 * size
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
+
+    def test_bytes_that_win_nothing_are_left(self, key: tuple[GopJob, EncodedGop]) -> None:
+        size = int(1.2 * len(key[1].payload))
+        done = encode_gop(following(key, self.GOES_ON, Budget(200, target_bytes=size)))
+        assert len(done.payload) < 0.9 * size
+        assert done.float_psnr - done.psnr < 0.2
 
     def test_quality(self, key: tuple[GopJob, EncodedGop]) -> None:
         wanted = encode_gop(following(key, self.GOES_ON)).psnr - 0.5

@@ -122,9 +122,9 @@ class TestNearSize:
         assert candidate.trials == [1]
         assert candidate.exact == []
 
-    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.8 / 1.5), (16_500, 0.8 * 1.5)])
+    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.7 / 1.5), (19_000, 0.7 * 1.5)])
     def test_within_reach(self, size: int, qscale: float) -> None:
-        stored = quantise_near_size(MadeUp(), size, 0.8, 1.5)
+        stored = quantise_near_size(MadeUp(usual_qscale=0.9), size, 0.7, 1.5)
         assert stored.qscale == pytest.approx(qscale)
 
     def test_far_too_much_is_never_taken(self) -> None:
