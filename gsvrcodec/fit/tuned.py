@@ -91,8 +91,8 @@ class _Prediction:
     #: and 26.8 dB; flower, Bunny and cup lose 0.2 to 0.3 dB, bee gains 0.15
     kept_bits: float = 160.0
     #: the same factor more, if the wall time does not suffice for more of them. 36 frames of soccer
-    #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is 0 to
-    #: 0.5 dB below it instead of 2.6 dB
+    #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is at
+    #: most 0.5 dB below it instead of 2.6 dB
     hurried: float = 10.0
     price: float = 2.4  #: of the bits of a change, in what a bit is worth
     change_bits: float = 2.0  #: of a change, beside those of its components
