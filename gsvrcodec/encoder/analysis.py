@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.encoder.tuned import ANALYSIS
 from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, lengths, resize
-from gsvrcodec.fit.start import gradient
+from gsvrcodec.fit.start import density
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +26,14 @@ class FrameStats:
     #: mean squared difference to the motion-compensated frame before, squared 8-bit codes
     change: float = 0.0
     detail: float = 0.0  #: mean squared gradient, squared 8-bit codes
-    moving: float = 1.0  #: fraction of the detail that moves
+    #: fraction of the picture that is not as it was some frames before, weighted by where Gaussians
+    #: lie, for pictures of each of `ANALYSIS.qualities`
+    changed: tuple[float, ...] = (1.0,) * len(ANALYSIS.qualities)
     fast: float = 0.0  #: length of the flow that 1 % of the pixels exceed, px of the analysed frame
+
+    def changed_at(self, psnr: float) -> float:
+        """Return the fraction that is not as it was, for pictures of a quality, dB."""
+        return float(np.interp(psnr, ANALYSIS.qualities, self.changed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +52,9 @@ class Analysis:
         """Return an analysis from JSON; None if it has another shape."""
         match value:
             case {"stats": list(stats), "shown": [int(first), int(end)]}:
-                with suppress(TypeError):
-                    return cls(tuple(FrameStats(**frame) for frame in stats), (first, end))
+                with suppress(KeyError, TypeError):
+                    frames = (frame | {"changed": tuple(frame["changed"])} for frame in stats)
+                    return cls(tuple(FrameStats(**frame) for frame in frames), (first, end))
         return None
 
 
@@ -57,6 +65,7 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
         frames: (H, W, 3) uint8, read one at a time.
         estimate: optical flow.
     """
+    shot: deque[Image] = deque(maxlen=ANALYSIS.lag)  # the last frames before, since a cut
     previous: Image | None = None
     usual: float | None = None  # running mean of the difference between frames of a shot
     for frame in frames:
@@ -72,14 +81,17 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
                 and _histogram_correlation(previous, small) < ANALYSIS.cut_correlation
             )
             if cut:
+                shot.clear()
                 yield FrameStats(0.0, True, 0.0, detail)
             else:
                 flow = estimate(previous, small)
-                change, length = _change(previous, small, flow), lengths(flow)
+                missed, length = _missed(previous, small, flow), lengths(flow)
                 motion, fast = float(length.mean()), float(np.percentile(length, 99))
-                yield FrameStats(motion, False, change, detail, _moving(small, length), fast)
+                changed = _changed(shot[0], small, missed)
+                yield FrameStats(motion, False, float(missed.mean()), detail, changed, fast)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
+        shot.append(small)
 
 
 def _detail(image: Image) -> float:
@@ -88,18 +100,27 @@ def _detail(image: Image) -> float:
     return sum(float(np.square(g).mean()) if g.size else 0.0 for g in gradients)
 
 
-def _moving(image: Image, length: NDArray[np.float32]) -> float:
-    detail = gradient(image)
-    total = float(detail.sum())
-    return float(detail[length > ANALYSIS.moves_px].sum()) / total if total else 0.0
+def _changed(before: Image, image: Image, missed: NDArray[np.float32]) -> tuple[float, ...]:
+    # Noise, which motion does not explain either, is no change that a GOP could follow.
+    squares = _squares(before, image) - ANALYSIS.noise * missed
+    near = np.maximum(cv2.boxFilter(squares, -1, 2 * (ANALYSIS.changed_px,)), 0)
+    where = density(image[None])
+    errors = [ANALYSIS.visible * 255.0**2 / 10 ** (psnr / 10) for psnr in ANALYSIS.qualities]
+    return tuple(float((where * np.minimum(near / error, 1)).sum()) for error in errors)
 
 
-def _change(previous: Image, image: Image, flow: FlowField) -> float:
+def _missed(previous: Image, image: Image, flow: FlowField) -> NDArray[np.float32]:
+    """Squared difference to the frame before where the flow leads, (H, W)."""
     y, x = np.indices(flow.shape[:2], np.float32)
     moved = cv2.remap(
         image, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return float(np.square(moved.astype(np.float32) - previous).mean())
+    return _squares(previous, np.asarray(moved, np.uint8))
+
+
+def _squares(first: Image, second: Image) -> NDArray[np.float32]:
+    squares: NDArray[np.float32] = np.square(second.astype(np.float32) - first).mean(axis=2)
+    return squares
 
 
 def _histogram_correlation(first: Image, second: Image) -> float:

@@ -22,12 +22,11 @@ from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
-from gsvrcodec.encoder.plan import gop_limits, longest_chain, plan
+from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.slicing import slice_gops
-from gsvrcodec.encoder.tuned import CHAIN
+from gsvrcodec.encoder.structure import structure
 from gsvrcodec.encoder.verify import verify_file
 from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
@@ -110,16 +109,7 @@ def encode(
         stats, shown = analysis.stats, analysis.shown
         size = video.info.width, video.info.height
         duration = float((shown[1] - shown[0]) * video.info.time_base)
-        longest, threshold = gop_limits(stats, size, chosen, seconds=duration)
-        chains = slice_gops(
-            stats,
-            chosen.gop,
-            minimum=chosen.gop_min,
-            maximum=longest,
-            longest_chain=longest_chain(len(stats), chosen, seconds=duration),
-            threshold=threshold,
-            fast_share=CHAIN.fast_share if chosen.predicts else 0.0,
-        )
+        chains = structure(stats, size, chosen, seconds=duration)
         gops = [gop for chain in chains for gop in chain]
         if not gops:
             raise NotAVideoError(f"{src} has no video frames")

@@ -3,71 +3,117 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.tuned import ANALYSIS
+from gsvrcodec.encoder.tuned import ANALYSIS, RATE
 
 #: Frames of GOPs of which each but the first may be predicted from the one before.
 Chain = list[range]
 
 
+@dataclass(frozen=True, slots=True)
+class GopLimits:
+    """When an adaptive GOP ends."""
+
+    shortest: int  #: frames, unless its shot is shorter
+    longest: int  #: frames
+    motion: float = ANALYSIS.threshold  #: accumulated, px of the analysed frame
+    #: what the fastest motion of a frame adds to its mean motion, where all the rest stands still:
+    #: short GOPs are cheap there
+    fast_share: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChainLimits:
+    """When a chain ends, and each of its GOPs."""
+
+    longest: int  #: frames
+    gops: GopLimits
+
+
 def slice_gops(
     stats: Sequence[FrameStats],
     gop: int | Literal["adaptive"],
-    *,
-    minimum: int,
-    maximum: int,
-    longest_chain: int = 0,
-    threshold: float = ANALYSIS.threshold,
-    fast_share: float = 0.0,
+    alone: GopLimits,
+    chained: ChainLimits | None = None,
+    pays: Callable[[Chain, float], bool] = lambda chain, apart: True,
 ) -> list[Chain]:
     """Frames of each GOP, by chain; no chain spans a cut.
 
     A fixed `gop` ends after so many frames. For an adaptive one each frame adds its motion over
-    `threshold` and 1 / `maximum`; a chain is cut into as few GOPs as keep that sum within 1, all
-    of about the same sum, and none of fewer than `minimum` frames unless the chain is.
+    the motion at which a GOP ends, and 1 / the frames of the longest; a span is cut into as few
+    GOPs as keep that sum within 1, all of about the same sum, and none of fewer frames than the
+    shortest unless the span is.
+
+    A shot is cut into as few chains as keep their longest, all of about the same length. Adaptive
+    key GOPs take the place of chains that do not pay.
 
     Args:
         stats: statistics of every frame.
         gop: frames of each GOP, or by motion.
-        minimum: frames of the shortest adaptive GOP.
-        maximum: frames of the longest adaptive GOP.
-        longest_chain: frames of the longest chain; 0 = every GOP is a chain of its own.
-        threshold: motion at which a GOP ends, px of the analysed frame.
-        fast_share: what the fastest motion of a frame adds to its mean motion, where all the rest
-            stands still: short GOPs are cheap there.
+        alone: of key GOPs from which none is predicted.
+        chained: of chains; None = every GOP is a key GOP.
+        pays: whether an adaptive chain is better than so many key GOPs, a fraction included.
     """
     cuts = [number for number, frame in enumerate(stats) if frame.cut or not number]
+    shots = [range(begin, end) for begin, end in pairwise([*cuts, len(stats)])]
+    if chained is None:
+        return [[one] for shot in shots for one in _cut(shot, stats, gop, alone)]
+    alone = replace(alone, longest=min(alone.longest, chained.longest))
+
+    def chain_pays(span: range) -> bool:
+        apart = float(_progress([stats[n] for n in span], alone)[-1])
+        chain = _cut(span, stats, gop, chained.gops)
+        return gop != "adaptive" or pays(chain, max(1.0, apart))
+
     chains: list[Chain] = []
-    for begin, end in pairwise([*cuts, len(stats)]):
-        parts = max(1, -(-(end - begin) // longest_chain)) if longest_chain else 1
-        bounds = np.linspace(begin, end, parts + 1).round().astype(int).tolist()
-        for start, stop in pairwise(bounds):
-            motion = [_pace(frame, fast_share) for frame in stats[start:stop]]
-            if gop == "adaptive":
-                lengths = _adaptive_lengths(motion, minimum, maximum, threshold)
+    for shot in shots:
+        for worth_it, same in groupby(_evenly(shot, chained.longest), chain_pays):
+            spans = list(same)
+            if worth_it:
+                chains += [_cut(span, stats, gop, chained.gops) for span in spans]
             else:
-                lengths = [min(gop, len(motion) - at) for at in range(0, len(motion), gop)]
-            ends = np.cumsum([start, *lengths]).tolist()
-            found = [range(first, after) for first, after in pairwise(ends)]
-            chains += [found] if longest_chain else [[one] for one in found]
+                whole = range(spans[0].start, spans[-1].stop)
+                chains += [[one] for one in _cut(whole, stats, gop, alone)]
     return chains
 
 
-def _pace(frame: FrameStats, fast_share: float) -> float:
-    return frame.motion + fast_share * (1 - frame.moving) * frame.fast
+def _evenly(shot: range, longest: int) -> list[range]:
+    parts = -(-len(shot) // longest)
+    bounds = np.linspace(shot.start, shot.stop, parts + 1).round().astype(int).tolist()
+    return [range(begin, end) for begin, end in pairwise(bounds)]
 
 
-def _adaptive_lengths(
-    motion: list[float], minimum: int, maximum: int, threshold: float
-) -> list[int]:
-    frames = len(motion)
-    total = np.cumsum(motion) / threshold + np.arange(1, frames + 1) / maximum
+def _cut(
+    span: range, stats: Sequence[FrameStats], gop: int | Literal["adaptive"], limits: GopLimits
+) -> list[range]:
+    """Frames of each GOP of a span."""
+    if gop == "adaptive":
+        lengths = _adaptive_lengths([stats[n] for n in span], limits)
+    else:
+        lengths = [min(gop, len(span) - at) for at in range(0, len(span), gop)]
+    ends = np.cumsum([span.start, *lengths]).tolist()
+    return [range(first, after) for first, after in pairwise(ends)]
+
+
+def _progress(stats: Sequence[FrameStats], limits: GopLimits) -> NDArray[np.float64]:
+    """Return how many GOPs the frames up to each one fill, (F,)."""
+    unchanged = np.array([1 - frame.changed_at(RATE.usual_psnr) for frame in stats])
+    motion, fast = np.array([(frame.motion, frame.fast) for frame in stats]).T
+    motion = motion + limits.fast_share * unchanged * fast
+    return np.cumsum(motion) / limits.motion + np.arange(1, len(stats) + 1) / limits.longest
+
+
+def _adaptive_lengths(stats: Sequence[FrameStats], limits: GopLimits) -> list[int]:
+    frames, minimum, maximum = len(stats), limits.shortest, limits.longest
+    total = _progress(stats, limits)
     parts = max(1, min(math.ceil(total[-1] - 1e-9), frames // minimum))
     lengths: list[int] = []
     for left in range(parts, 1, -1):

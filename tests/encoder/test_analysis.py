@@ -50,14 +50,37 @@ class TestAnalyse:
             assert frame.fast > 3 > 10 * frame.motion / 3
         assert max(frame.fast for frame in analysed(still[None].repeat(3, axis=0))) < 0.2
 
-    def test_the_part_of_the_detail_that_moves(self) -> None:
+    def test_the_part_of_the_picture_that_changes(self) -> None:
         texture = moving_texture(6, (2, 0), (320, 180))
-        assert all(frame.moving > 0.9 for frame in analysed(texture))
-        assert all(frame.moving < 0.05 for frame in analysed(texture[:1].repeat(4, axis=0))[1:])
+
+        def changed(frames: Frames, psnr: float = 36.0) -> list[float]:
+            first, *others = analysed(frames)
+            assert first.changed == (1.0,) * 5
+            return [frame.changed_at(psnr) for frame in others]
+
+        assert min(changed(texture)) > 0.9
+        assert max(changed(texture[:1].repeat(4, axis=0))) == 0
         half = texture.copy()
         half[:, :, 160:] = half[0, :, 160:]
-        assert all(0.3 < frame.moving < 0.7 for frame in analysed(half)[1:])
-        assert [frame.moving for frame in analysed(np.full_like(texture, 90))[1:]] == [0.0] * 5
+        assert all(0.3 < share < 0.7 for share in changed(half))
+        # A fine difference matters at a high quality alone.
+        faint = (100 + texture / 12).astype(np.uint8)
+        shares = [min(changed(faint, psnr)) for psnr in (20, 28, 30, 34, 44, 60)]
+        assert shares == sorted(shares)
+        assert shares[0] == shares[1] < 0.2 < 0.5 < shares[-2] == shares[-1]
+
+    def test_noise_is_no_change(self) -> None:
+        rng = np.random.default_rng(0)
+        still = np.full((4, 180, 320, 3), 128)
+        noisy = np.clip(still + rng.normal(0, 12, still.shape), 0, 255).astype(np.uint8)
+        assert max(frame.changed_at(36.0) for frame in analysed(noisy)[1:]) < 0.5
+
+    def test_change_adds_up_within_a_shot(self) -> None:
+        slow = moving_texture(12, (0.1, 0), (320, 180))
+        shares = [frame.changed_at(36.0) for frame in analysed(slow)[1:]]
+        assert shares[0] < 0.5 * shares[6]
+        # It is counted against the picture of some frames before, not against the first one.
+        assert shares[-1] == pytest.approx(shares[7], rel=0.1)
 
     def test_no_frames(self) -> None:
         assert list(analyse([], flow_estimator("dis"))) == []
@@ -81,6 +104,7 @@ class TestKept:
             {"stats": {}, "shown": [1, 2]},
             {"stats": [{"motion": 1.0}], "shown": [1, 2]},
             {"stats": [{"motion": 1.0, "cut": True, "speed": 2}], "shown": [1, 2]},
+            {"stats": [{"motion": 1.0, "cut": True, "changed": 3}], "shown": [1, 2]},
             {"stats": [3], "shown": [1, 2]},
         ],
         ids=str,

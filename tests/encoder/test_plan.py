@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
-from gsvrcodec.encoder.plan import bit_weights, gop_limits, longest_chain, plan
+from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
 from gsvrcodec.errors import UsageError
 from tests.encoder.test_budget import chains_of
 
@@ -21,9 +19,11 @@ class TestChains:
 
     SIZE = (640, 360)
 
-    def plan(self, *lengths: list[int], moving: float = 0.5, **settings: Any) -> list[Budget]:
+    def plan(self, *lengths: list[int], changed: float = 0.5, **settings: Any) -> list[Budget]:
         frames = sum(map(sum, lengths))
-        stats = [FrameStats(0.4, not number, 9.0, 300.0, moving) for number in range(frames)]
+        stats = [
+            FrameStats(0.4, not number, 9.0, 300.0, (changed,) * 5) for number in range(frames)
+        ]
         chosen = EncodeSettings(**settings)
         return plan(
             chains_of(*lengths), stats, self.SIZE, chosen, seconds=frames / 24, overhead=900
@@ -40,25 +40,17 @@ class TestChains:
         assert abs(sizes[1] - sizes[2]) <= 1
         assert sizes[3] > 1.5 * sizes[4]
 
-    def test_what_moves_gets_more(self) -> None:
-        idle, wild = (self.plan([16] * 3, moving=moving, bpp=0.1) for moving in (0.0, 1.0))
+    def test_what_changes_gets_more(self) -> None:
+        idle, wild = (self.plan([16] * 3, changed=changed, bpp=0.1) for changed in (0.0, 1.0))
         assert (idle[1].target_bytes or 0) < 0.5 * (wild[1].target_bytes or 0)
-        # What is left where little moves is for the key GOP, and for its Gaussians.
+        # What is left where little changes is for the key GOP, and for its Gaussians.
         assert (idle[0].target_bytes or 0) > 1.5 * (wild[0].target_bytes or 0)
         assert idle[0].gaussians > 1.5 * wild[0].gaussians
-
-    def test_weights(self) -> None:
-        stats = [FrameStats(0.0, False, moving=0.25 * (number // 4)) for number in range(12)]
-        (chain,) = chains_of([4, 4, 4])
-        first, second, third = bit_weights(chain, stats)
-        assert first == 1
-        assert second == pytest.approx(CHAIN.idle_bits + 0.25 * CHAIN.moving_bits)
-        assert third == pytest.approx(CHAIN.idle_bits + 0.5 * CHAIN.moving_bits)
 
     def test_wall_time_bounds_the_gaussians(self) -> None:
         def gaussians(**settings: Any) -> int:
             lengths = [8, 8, 8]
-            chosen = {"bpp": 0.5, "moving": 1.0, "threads": 2, "device": "cpu", **settings}
+            chosen = {"bpp": 0.5, "changed": 1.0, "threads": 2, "device": "cpu", **settings}
             return self.plan(lengths, **chosen)[0].gaussians
 
         free, ample = gaussians(), gaussians(time_budget=100.0)
@@ -68,8 +60,8 @@ class TestChains:
         # Twice the time or twice the cores fit twice as many; a GPU has no such bound.
         assert gaussians(time_budget=0.4) == pytest.approx(2 * short, abs=2)
         assert gaussians(time_budget=0.2, threads=4) == pytest.approx(2 * short, abs=2)
-        # Where little moves, most Gaussians are kept and take no time.
-        assert gaussians(time_budget=0.2, moving=0.0) > 3 * short
+        # Where little changes, most Gaussians are kept and take no time.
+        assert gaussians(time_budget=0.2, changed=0.0) > 3 * short
         # The bytes stay as they are.
         assert self.plan([8, 8], bpp=0.5, time_budget=0.2)[0].target_bytes == (
             self.plan([8, 8], bpp=0.5)[0].target_bytes
@@ -96,17 +88,6 @@ class TestChains:
     def test_too_little_for_the_gops_of_a_chain_fails(self) -> None:
         with pytest.raises(UsageError, match=r"for 5 GOPs, which need \d+ each"):
             self.plan([16] * 5, target_size=5000)
-
-
-@pytest.mark.parametrize(
-    ("settings", "frames"),
-    [({}, 96), ({"keyint": 0.5}, 12), ({"keyint": 0.01}, 1), ({"keyint": 0}, 0)],
-)
-def test_longest_chain(settings: dict[str, Any], frames: int) -> None:
-    chosen = EncodeSettings(**settings)
-    assert longest_chain(240, chosen, seconds=10.0) == frames
-    assert longest_chain(240, replace(chosen, profile="paper"), seconds=10.0) == 0
-    assert longest_chain(0, chosen, seconds=0.0) == 0
 
 
 def test_a_dear_grid_is_coarse() -> None:
@@ -192,49 +173,3 @@ class TestPlan:
     def test_too_little_fails(self, settings: dict[str, Any], message: str) -> None:
         with pytest.raises(UsageError, match=message):
             self.budgets(1, **settings)
-
-
-@pytest.mark.parametrize(
-    ("settings", "frames"),
-    [
-        ({}, CHAIN.longest),
-        ({"bpp": 0.2}, CHAIN.longest),
-        ({"bpp": CHAIN.longer_bpp / 1.5}, round(1.5**CHAIN.longest_power * CHAIN.longest)),
-        ({"bpp": 0.001}, round(CHAIN.longer**CHAIN.longest_power * CHAIN.longest)),
-        ({"target_psnr": 45.0}, CHAIN.longest),
-        ({"gop_min": 40}, 40),
-        ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
-        ({"keyint": 0}, 32),
-        ({"keyint": 0, "gop_min": 40}, 40),
-        ({"keyint": 0, "gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
-        ({"keyint": 0, "bpp": 0.2}, 32),
-        ({"keyint": 0, "bpp": 0.05}, 64),
-        ({"keyint": 0, "bpp": 0.001}, 128),
-        ({"keyint": 0, "bitrate": 57600}, 64),
-        ({"profile": "paper"}, 32),
-    ],
-)
-def test_longest_gop(settings: dict[str, Any], frames: int) -> None:
-    stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
-    chosen = EncodeSettings(**settings)
-    assert gop_limits(stats, (320, 180), chosen, seconds=3.0)[0] == frames
-
-
-def test_gops_follow_more_motion_at_low_rates() -> None:
-    stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
-
-    def threshold(**settings: Any) -> float:
-        return gop_limits(stats, (320, 180), EncodeSettings(**settings), seconds=3.0)[1]
-
-    assert threshold() == threshold(bpp=0.2) == CHAIN.threshold
-    assert threshold(bpp=0.001) == threshold(bpp=0.001, gop_max=9) == 2 * CHAIN.threshold
-    assert threshold(keyint=0) == threshold(keyint=0, bpp=0.001) == ANALYSIS.threshold
-
-
-def test_low_quality_has_longer_key_gops() -> None:
-    stats = [FrameStats(0.1, False, 5.0, 300.0)] * 60
-    low, high = (
-        gop_limits(stats, (320, 180), EncodeSettings(target_psnr=psnr, keyint=0), seconds=3.0)[0]
-        for psnr in (28.0, 40.0)
-    )
-    assert low > 2 * high

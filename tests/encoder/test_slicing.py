@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Literal
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.slicing import Chain, slice_gops
+from gsvrcodec.encoder.slicing import Chain, ChainLimits, GopLimits, slice_gops
 
 STATS = st.lists(
     st.builds(
@@ -48,7 +49,7 @@ def by_shot(chains: list[Chain], stats: list[FrameStats]) -> Iterator[list[int]]
 class TestSliceGops:
     @given(stats=STATS, gop=st.integers(1, 40))
     def test_fixed_length(self, stats: list[FrameStats], gop: int) -> None:
-        for lengths in by_shot(slice_gops(stats, gop, minimum=1, maximum=1), stats):
+        for lengths in by_shot(slice_gops(stats, gop, GopLimits(1, 1)), stats):
             assert set(lengths[:-1]) <= {gop}
             assert lengths[-1] <= gop
 
@@ -57,7 +58,7 @@ class TestSliceGops:
     @given(stats=STATS, minimum=st.integers(1, 20), extra=st.integers(0, 30))
     def test_adaptive_length(self, stats: list[FrameStats], minimum: int, extra: int) -> None:
         maximum = minimum + extra
-        gops = slice_gops(stats, "adaptive", minimum=minimum, maximum=maximum)
+        gops = slice_gops(stats, "adaptive", GopLimits(minimum, maximum))
         for lengths, frames in zip(by_shot(gops, stats), shots(stats), strict=True):
             assert max(lengths) <= maximum
             fewest = -(-frames // maximum)
@@ -67,7 +68,7 @@ class TestSliceGops:
     def test_more_motion_makes_more_gops(self) -> None:
         def gops(motion: float) -> int:
             stats = [FrameStats(0.0, True), *[FrameStats(motion, False)] * 95]
-            return len(slice_gops(stats, "adaptive", minimum=4, maximum=32))
+            return len(slice_gops(stats, "adaptive", GopLimits(4, 32)))
 
         counts = [gops(motion) for motion in (0, 0.5, 1, 2, 4, 8)]
         assert counts == sorted(counts)
@@ -75,20 +76,18 @@ class TestSliceGops:
         assert counts[-1] > 6
 
     def test_what_is_fast_before_a_still_picture_makes_more_gops(self) -> None:
-        def gops(moving: float, fast: float, share: float = 0.15) -> int:
-            frame = FrameStats(0.1, False, moving=moving, fast=fast)
-            return len(
-                slice_gops([frame] * 96, "adaptive", minimum=4, maximum=32, fast_share=share)
-            )
+        def gops(changed: float, fast: float, share: float = 0.15) -> int:
+            frame = FrameStats(0.1, False, changed=(changed,) * 5, fast=fast)
+            return len(slice_gops([frame] * 96, "adaptive", GopLimits(4, 32, fast_share=share)))
 
         assert gops(0.1, 0.0) < gops(0.1, 10.0) < gops(0.1, 40.0)
-        # Where all moves, short GOPs are dear.
+        # Where all changes, short GOPs are dear.
         assert gops(1.0, 40.0) == gops(0.1, 0.0)
         assert gops(0.1, 40.0, share=0.0) == gops(0.1, 0.0)
 
     def test_no_frames(self) -> None:
-        assert slice_gops([], "adaptive", minimum=12, maximum=32) == []
-        assert slice_gops([], 5, minimum=1, maximum=1, longest_chain=9) == []
+        assert slice_gops([], "adaptive", GopLimits(12, 32)) == []
+        assert slice_gops([], 5, GopLimits(1, 1), ChainLimits(9, GopLimits(1, 1))) == []
 
 
 class TestChains:
@@ -96,7 +95,7 @@ class TestChains:
     def test_without_prediction_every_gop_is_one(
         self, stats: list[FrameStats], gop: int | Literal["adaptive"]
     ) -> None:
-        chains = slice_gops(stats, gop, minimum=4, maximum=20, longest_chain=0)
+        chains = slice_gops(stats, gop, GopLimits(4, 20))
         assert {len(chain) for chain in chains} == {1}
 
     @given(
@@ -112,7 +111,8 @@ class TestChains:
         minimum: int,
         longest: int,
     ) -> None:
-        chains = slice_gops(stats, gop, minimum=minimum, maximum=16, longest_chain=longest)
+        limits = GopLimits(minimum, 16)
+        chains = slice_gops(stats, gop, limits, ChainLimits(longest, limits))
         assert [frame for chain in chains for gop in chain for frame in gop] == [*range(len(stats))]
         starts = [chain[0].start for chain in chains]
         for chain in chains:
@@ -131,7 +131,8 @@ class TestChains:
 
     def test_a_film_of_two_shots(self) -> None:
         stats = [FrameStats(0.0, number in (0, 10)) for number in range(25)]
-        chains = slice_gops(stats, 4, minimum=1, maximum=1, longest_chain=10)
+        limits = GopLimits(1, 1)
+        chains = slice_gops(stats, 4, limits, ChainLimits(10, limits))
         assert chains == [
             [range(4), range(4, 8), range(8, 10)],
             [range(10, 14), range(14, 18)],
@@ -141,9 +142,37 @@ class TestChains:
     def test_a_lower_threshold_makes_shorter_gops(self) -> None:
         stats = [FrameStats(0.0, True), *[FrameStats(1.0, False)] * 47]
         (coarse,), (fine,) = (
-            slice_gops(
-                stats, "adaptive", minimum=4, maximum=99, longest_chain=99, threshold=threshold
-            )
-            for threshold in (24.0, 12.0)
+            slice_gops(stats, "adaptive", limits, ChainLimits(99, limits))
+            for limits in (GopLimits(4, 99, motion) for motion in (24.0, 12.0))
         )
         assert (len(coarse), len(fine)) == (3, 5)
+
+    def test_key_gops_take_the_place_of_chains_that_do_not_pay(self) -> None:
+        stats = [FrameStats(0.0, number in (0, 40)) for number in range(80)]
+        seen: list[tuple[Chain, float]] = []
+
+        def pays(chain: Chain, apart: float) -> bool:
+            seen.append((chain, apart))
+            return chain[0].start in (0, 60)
+
+        alone, chained = GopLimits(1, 16), ChainLimits(20, GopLimits(1, 10))
+        chains = slice_gops(stats, "adaptive", alone, chained, pays)
+        assert [chain[0].start for chain, _ in seen] == [0, 20, 40, 60]
+        assert [apart for _, apart in seen] == [pytest.approx(20 / 16)] * 4
+        assert chains == [
+            [range(10), range(10, 20)],
+            [range(20, 30)],
+            [range(30, 40)],
+            [range(40, 50)],
+            [range(50, 60)],
+            [range(60, 70), range(70, 80)],
+        ]
+        # Key GOPs that follow each other are cut as one span.
+        apart = slice_gops(stats, "adaptive", alone, chained, lambda chain, count: False)
+        assert [len(gop) for chain in apart for gop in chain] == [14, 13, 13, 14, 13, 13]
+        # They keep the longest time between key GOPs, and lengths that are asked for are kept.
+        within = ChainLimits(9, chained.gops)
+        short = slice_gops(stats, "adaptive", alone, within, lambda chain, count: False)
+        assert max(len(gop) for chain in short for gop in chain) <= 9
+        fixed = slice_gops(stats, 10, alone, chained, lambda chain, count: False)
+        assert [len(chain) for chain in fixed] == [2] * 4

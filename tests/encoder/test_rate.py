@@ -1,0 +1,75 @@
+"""Bits and quality that statistics of frames let expect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from gsvrcodec.encoder.analysis import FrameStats
+from gsvrcodec.encoder.rate import bit_weights, bpp_for, expected_bpp, expected_psnr
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, RATE
+from tests.encoder.test_budget import chains_of
+
+STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
+SIZE = (320, 180)
+
+
+class TestBitWeights:
+    def test_they_follow_what_changes(self) -> None:
+        stats = [FrameStats(0.0, False, changed=(0.25 * (n // 4),) * 5) for n in range(12)]
+        (chain,) = chains_of([4, 4, 4])
+        first, second, third = bit_weights(chain, stats, 36.0)
+        assert first == 1
+        assert second == pytest.approx(CHAIN.idle_bits + 0.25 * CHAIN.changing_bits)
+        assert third == pytest.approx(CHAIN.idle_bits + 0.5 * CHAIN.changing_bits)
+
+    def test_more_changes_at_a_higher_quality(self) -> None:
+        assert ANALYSIS.qualities[:2] == (28, 32)
+        stats = [FrameStats(0.0, False, changed=(0.1, 0.3, 0.5, 0.7, 0.9))] * 8
+        (chain,) = chains_of([4, 4])
+        weights = [bit_weights(chain, stats, psnr)[1] for psnr in (20, 28, 30, 32, 44, 60)]
+        shares = [(weight - CHAIN.idle_bits) / CHAIN.changing_bits for weight in weights]
+        assert shares == pytest.approx([0.1, 0.1, 0.2, 0.3, 0.9, 0.9])
+
+    def test_they_follow_the_need(self) -> None:
+        (chain,) = chains_of([4, 4])
+        easy, hard = (
+            bit_weights(chain, [*STATS[:4], *[FrameStats(0.1, False, change, 300.0)] * 4], 36.0)[1]
+            for change in (5.0, 80.0)
+        )
+        assert easy == pytest.approx(CHAIN.idle_bits + CHAIN.changing_bits)
+        assert hard > 1.2 * easy
+
+
+class TestExpected:
+    def expected(self, **settings: Any) -> tuple[float, float]:
+        chosen = EncodeSettings(**settings)
+        return (
+            expected_bpp(STATS, SIZE, chosen, seconds=3.0),
+            expected_psnr(STATS, SIZE, chosen, seconds=3.0),
+        )
+
+    def test_by_size(self) -> None:
+        bpp, psnr = self.expected(bpp=0.1)
+        assert bpp == pytest.approx(0.1)
+        assert bpp_for(STATS, psnr) == pytest.approx(0.1)
+        assert self.expected(bitrate=round(0.1 * 320 * 180 * 20)) == pytest.approx((bpp, psnr))
+        assert self.expected(target_size=round(0.1 * 320 * 180 * 60 / 8)) == (
+            pytest.approx((bpp, psnr))
+        )
+
+    def test_by_quality(self) -> None:
+        bpp, psnr = self.expected(target_psnr=35.0)
+        assert psnr == 35
+        assert self.expected(bpp=bpp) == pytest.approx((bpp, psnr))
+
+    def test_neither_is_asked_for(self) -> None:
+        for settings in ({}, {"gaussians": 9}, {"params": 10**6}):
+            assert self.expected(**settings) == (float("inf"), RATE.usual_psnr)
+        empty = expected_bpp([], SIZE, EncodeSettings(bpp=0.1), seconds=0.0)
+        assert empty == float("inf")
+
+    def test_a_size_that_only_copied_streams_fill(self) -> None:
+        assert self.expected(target_size=1)[1] < 10

@@ -1,0 +1,117 @@
+"""Key GOPs or chains, and how long they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from gsvrcodec.encoder.analysis import FrameStats
+from gsvrcodec.encoder.rate import expected_bpp
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.slicing import ChainLimits, GopLimits
+from gsvrcodec.encoder.structure import limits, structure
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
+
+STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
+SIZE = (320, 180)
+
+
+def found(**settings: Any) -> tuple[GopLimits, ChainLimits | None]:
+    chosen = EncodeSettings(**settings)
+    bpp = expected_bpp(STATS, SIZE, chosen, seconds=3.0)
+    return limits(bpp, len(STATS), chosen, seconds=3.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "frames"),
+    [
+        ({}, CHAIN.longest),
+        ({"bpp": 0.2}, CHAIN.longest),
+        ({"bpp": CHAIN.longer_bpp / 1.5}, round(1.5**CHAIN.longest_power * CHAIN.longest)),
+        ({"bpp": 0.001}, round(CHAIN.longer**CHAIN.longest_power * CHAIN.longest)),
+        ({"target_psnr": 45.0}, CHAIN.longest),
+        ({"gop_min": 40}, 40),
+        ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
+    ],
+)
+def test_longest_gop_of_a_chain(settings: dict[str, Any], frames: int) -> None:
+    chained = found(**settings)[1]
+    assert chained is not None
+    assert chained.gops.longest == frames
+    assert chained.gops.shortest == settings.get("gop_min", 6)
+
+
+@pytest.mark.parametrize("keyint", [0, 4.0])
+@pytest.mark.parametrize(
+    ("settings", "frames"),
+    [
+        ({}, 32),
+        ({"gop_min": 40}, 40),
+        ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
+        ({"bpp": 0.2}, 32),
+        ({"bpp": 0.05}, 64),
+        ({"bpp": 0.001}, 128),
+        ({"bitrate": 57600}, 64),
+        ({"profile": "paper"}, 32),
+    ],
+)
+def test_longest_key_gop(settings: dict[str, Any], keyint: float, frames: int) -> None:
+    alone, chained = found(keyint=keyint, **settings)
+    assert alone.longest == frames
+    assert (chained is None) == (keyint == 0 or settings.get("profile") == "paper")
+
+
+def test_gops_follow_more_motion_at_low_rates() -> None:
+    def threshold(**settings: Any) -> float:
+        alone, chained = found(**settings)
+        assert alone.motion == ANALYSIS.threshold
+        assert chained is not None
+        return chained.gops.motion
+
+    assert threshold() == threshold(bpp=0.2) == CHAIN.threshold
+    assert threshold(bpp=0.001) == threshold(bpp=0.001, gop_max=9) == 2 * CHAIN.threshold
+
+
+def test_low_quality_has_longer_key_gops() -> None:
+    low, high = (found(target_psnr=psnr, keyint=0)[0].longest for psnr in (28.0, 40.0))
+    assert low > 2 * high
+
+
+@pytest.mark.parametrize(
+    ("settings", "frames"),
+    [({}, 96), ({"keyint": 0.5}, 12), ({"keyint": 0.01}, 1), ({"keyint": 0}, None)],
+)
+def test_longest_chain(settings: dict[str, Any], frames: int | None) -> None:
+    chosen = EncodeSettings(**settings)
+    chained = limits(0.1, 240, chosen, seconds=10.0)[1]
+    assert (chained and chained.longest) == frames
+    assert limits(0.1, 240, replace(chosen, profile="paper"), seconds=10.0)[1] is None
+    assert limits(0.1, 0, chosen, seconds=0.0)[1] is None
+
+
+class TestStructure:
+    """A chain where much stays as it is or motion is fast, else key GOPs."""
+
+    def lengths(self, motion: float, changed: float, **settings: Any) -> list[list[int]]:
+        frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5)
+        chains = structure([frame] * 96, SIZE, EncodeSettings(**settings), seconds=4.0)
+        return [[len(gop) for gop in chain] for chain in chains]
+
+    def test_what_stays_is_not_paid_for_again(self) -> None:
+        assert self.lengths(0.2, 0.1, bpp=0.1) == [[16] * 6]
+
+    def test_slow_motion_all_over_has_long_key_gops(self) -> None:
+        assert self.lengths(0.2, 1.0, bpp=0.1) == [[24]] * 4
+
+    def test_fast_motion_has_short_predicted_gops(self) -> None:
+        (chain,) = self.lengths(2.0, 1.0, bpp=0.1)
+        assert max(chain) < 10
+
+    def test_a_fixed_length_is_predicted_whatever_it_costs(self) -> None:
+        assert self.lengths(0.2, 1.0, gop=40) == [[40, 40, 16]]
+
+    def test_without_prediction(self) -> None:
+        for changed in (0.1, 1.0):
+            assert {len(chain) for chain in self.lengths(2.0, changed, keyint=0)} == {1}
