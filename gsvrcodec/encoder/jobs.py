@@ -211,5 +211,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
             stored = candidate.quantised(predicted_from.qscale)
         else:
             stored = candidate.quantised(candidate.usual_qscale)
-    payload = pack(fitted, stored.gop, stored.precision, settings.pack)
+    # The best choice of codecs is 0.1 to 0.4 % smaller, but takes a tenth of a short wall time.
+    remembered = None if job.seconds is None else memories
+    payload = pack(fitted, stored.gop, stored.precision, settings.pack, remembered)
     return EncodedGop(payload, stored.psnr, fitted.psnr, stored.qscale)
