@@ -66,7 +66,7 @@ def slice_gops(
     shots = [range(begin, end) for begin, end in pairwise([*cuts, len(stats)])]
     if chained is None:
         return [[one] for shot in shots for one in _cut(shot, stats, gop, alone)]
-    alone = replace(alone, longest=min(alone.longest, chained.longest))
+    bounded = replace(alone, longest=min(alone.longest, chained.longest))
 
     def chain_pays(span: range) -> bool:
         apart = float(_progress([stats[n] for n in span], alone)[-1])
@@ -81,7 +81,7 @@ def slice_gops(
                 chains += [_cut(span, stats, gop, chained.gops) for span in spans]
             else:
                 whole = range(spans[0].start, spans[-1].stop)
-                chains += [[one] for one in _cut(whole, stats, gop, alone)]
+                chains += [[one] for one in _cut(whole, stats, gop, bounded)]
     return chains
 
 
@@ -103,12 +103,16 @@ def _cut(
     return [range(first, after) for first, after in pairwise(ends)]
 
 
+def pace(frame: FrameStats, limits: GopLimits) -> float:
+    """Motion that counts for the length of a GOP, px of the analysed frame."""
+    unchanged = 1 - frame.changed_at(RATE.usual_psnr)
+    return frame.motion + limits.fast_share * unchanged * frame.fast
+
+
 def _progress(stats: Sequence[FrameStats], limits: GopLimits) -> NDArray[np.float64]:
     """Return how many GOPs the frames up to each one fill, (F,)."""
-    unchanged = np.array([1 - frame.changed_at(RATE.usual_psnr) for frame in stats])
-    motion, fast = np.array([(frame.motion, frame.fast) for frame in stats]).T
-    motion = motion + limits.fast_share * unchanged * fast
-    return np.cumsum(motion) / limits.motion + np.arange(1, len(stats) + 1) / limits.longest
+    motion = np.cumsum([pace(frame, limits) for frame in stats])
+    return motion / limits.motion + np.arange(1, len(stats) + 1) / limits.longest
 
 
 def _adaptive_lengths(stats: Sequence[FrameStats], limits: GopLimits) -> list[int]:

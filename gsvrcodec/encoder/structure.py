@@ -8,7 +8,7 @@ from statistics import fmean
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.rate import bit_weights, expected_bpp, expected_psnr
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.slicing import Chain, ChainLimits, GopLimits, slice_gops
+from gsvrcodec.encoder.slicing import Chain, ChainLimits, GopLimits, pace, slice_gops
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, GOP_LENGTH
 
 
@@ -33,10 +33,12 @@ def structure(
     def pays(chain: Chain, apart: float) -> bool:
         """Whether a chain costs less than so many key GOPs.
 
-        Fast motion asks for short GOPs; slow motion does not, though all of the picture changes.
+        Fast motion asks for short GOPs, and they follow it better than long ones.
         """
-        motion = fmean(frame.motion for frame in stats[chain[0].start : chain[-1].stop])
-        return motion > CHAIN.fast or sum(bit_weights(chain, stats, psnr)) < apart
+        assert chained is not None
+        frames = stats[chain[0].start : chain[-1].stop]
+        fast = fmean(pace(frame, chained.gops) for frame in frames) > CHAIN.fast
+        return fast or sum(bit_weights(chain, stats, psnr)) < apart
 
     return slice_gops(stats, settings.gop, alone, chained, pays)
 

@@ -91,12 +91,12 @@ class _Chain:
     longer_bpp: float = 0.045
     longer: float = 2.0
     longest_power: float = 2.4
-    #: motion of a frame above which a chain always pays, px of the analysed frame. Chain against
-    #: key GOPs, 1 s a frame: flower (0.23 px) -0.3 dB at 0.03 and 0.08 bpp, +0.1 at 0.2; Bunny
-    #: (0.3) -0.5 dB at 0.06 bpp; city (0.23) -2.0 dB at 0.15 bpp; cup (0.9) +0.4, +0.1 and +0.3 dB
-    #: at 0.024, 0.044 and 0.075 bpp; bee (1.5) +0, -0.2 and +1.0 dB at 0.06, 0.12 and 0.17 bpp;
-    #: driving (4) +0.3 dB at 0.12 bpp; soccer (0.16, where most stands still) +1.6 dB at 0.08 bpp
-    fast: float = 0.5
+    #: motion of a frame, with `fast_share`, above which a chain always pays, px of the analysed
+    #: frame. Chain against key GOPs, 1 s a frame: flower (0.2 px) -0.3 dB at 0.03 and 0.08 bpp,
+    #: +0.1 at 0.2; Bunny (0.4) -0.5 dB at 0.06 bpp; city (0.2) -2.0 dB at 0.15 bpp; cup (0.9) +0.4,
+    #: +0.1 and +0.3 dB at 0.024, 0.044 and 0.075 bpp; bee (1.5) 0, -0.2 and +1.0 dB at 0.06, 0.12
+    #: and 0.17 bpp; driving (4) +0.3 dB at 0.12 bpp; soccer (0.7) +1.6 dB at 0.08 bpp
+    fast: float = 0.6
     #: what the fastest 1 % of a frame adds to its motion, where the rest stands still. soccer, 72
     #: frames at 0.08 bpp in GOPs of 18 / 11 / 7: 31.1 / 30.3 / 29.5 dB, but where it moves 27.2 /
     #: 28.9 / 29.4 dB. Bunny loses 0.6 dB if its GOPs become as short, because it moves all over

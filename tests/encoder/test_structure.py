@@ -94,8 +94,10 @@ def test_longest_chain(settings: dict[str, Any], frames: int | None) -> None:
 class TestStructure:
     """A chain where much stays as it is or motion is fast, else key GOPs."""
 
-    def lengths(self, motion: float, changed: float, **settings: Any) -> list[list[int]]:
-        frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5)
+    def lengths(
+        self, motion: float, changed: float, fast: float = 0.0, **settings: Any
+    ) -> list[list[int]]:
+        frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5, fast)
         chains = structure([frame] * 96, SIZE, EncodeSettings(**settings), seconds=4.0)
         return [[len(gop) for gop in chain] for chain in chains]
 
@@ -108,6 +110,12 @@ class TestStructure:
     def test_fast_motion_has_short_predicted_gops(self) -> None:
         (chain,) = self.lengths(2.0, 1.0, bpp=0.1)
         assert max(chain) < 10
+
+    def test_so_has_what_is_fast_before_a_still_picture(self) -> None:
+        # At so low a rate long key GOPs would cost less.
+        assert self.lengths(0.2, 0.3, bpp=0.01) == [[96]]
+        (chain,) = self.lengths(0.2, 0.3, fast=5.0, bpp=0.01)
+        assert len(chain) > 1
 
     def test_a_fixed_length_is_predicted_whatever_it_costs(self) -> None:
         assert self.lengths(0.2, 1.0, gop=40) == [[40, 40, 16]]
