@@ -31,14 +31,14 @@ def structure(
     alone, chained = limits(bpp, len(stats), settings, seconds=seconds)
 
     def pays(chain: Chain, apart: float) -> bool:
-        """Whether a chain costs less than so many key GOPs.
+        """Whether a chain costs clearly less than so many key GOPs.
 
         Fast motion asks for short GOPs, and they follow it better than long ones.
         """
         assert chained is not None
         frames = stats[chain[0].start : chain[-1].stop]
         fast = fmean(pace(frame, chained.gops) for frame in frames) > CHAIN.fast
-        return fast or sum(bit_weights(chain, stats, psnr)) < apart
+        return fast or sum(bit_weights(chain, stats, psnr)) < CHAIN.worth * apart
 
     return slice_gops(stats, settings.gop, alone, chained, pays)
 

@@ -97,6 +97,10 @@ class _Chain:
     #: +0.1 and +0.3 dB at 0.024, 0.044 and 0.075 bpp; bee (1.5) 0, -0.2 and +1.0 dB at 0.06, 0.12
     #: and 0.17 bpp; driving (4) +0.3 dB at 0.12 bpp; soccer (0.7) +1.6 dB at 0.08 bpp
     fast: float = 0.6
+    #: most that a chain of slower motion may cost, in the key GOPs that could take its place. Two
+    #: GOPs of 48 frames of flower at 0.026 bpp have 0.98, and lose 1.2 dB by a chain; Bunny's first
+    #: half at 0.025 bpp has 0.97, and loses 0.3 dB
+    worth: float = 0.9
     #: what the fastest 1 % of a frame adds to its motion, where the rest stands still. soccer, 72
     #: frames at 0.08 bpp in GOPs of 18 / 11 / 7: 31.1 / 30.3 / 29.5 dB, but where it moves 27.2 /
     #: 28.9 / 29.4 dB. Bunny loses 0.6 dB if its GOPs become as short, because it moves all over
