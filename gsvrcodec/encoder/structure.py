@@ -35,6 +35,8 @@ def structure(
 
         Fast motion asks for short GOPs, and they follow it better than long ones.
         """
+        if len(chain) == 1:
+            return True  # It is a key GOP.
         assert chained is not None
         frames = stats[chain[0].start : chain[-1].stop]
         fast = fmean(pace(frame, chained.gops) for frame in frames) > CHAIN.fast

@@ -116,6 +116,9 @@ class TestStructure:
         (chain,) = self.lengths(0.2, 0.3, fast=5.0, bpp=0.05)
         assert len(chain) > 6
 
+    def test_one_gop_for_all_frames(self) -> None:
+        assert self.lengths(0.0, 0.1, bpp=0.001) == [[96]]
+
     def test_a_fixed_length_is_predicted_whatever_it_costs(self) -> None:
         assert self.lengths(0.2, 1.0, gop=40) == [[40, 40, 16]]
 
