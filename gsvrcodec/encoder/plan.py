@@ -55,16 +55,15 @@ def plan(
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]
     psnr = expected_psnr(stats, size, settings, seconds=seconds)
     stats_of = [stats[chain[0].start : chain[-1].stop] for chain in chains]
-    sizes: list[int | None] = [None] * len(chains)
     if settings.target_psnr is not None:
         area = size[0] * size[1]
         bits = [len(own) * area * bpp_for(own, settings.target_psnr) for own in stats_of]
     else:
         option, total = wanted_bytes(settings, size, chains[-1][-1].stop, seconds, streams)
-        sizes[:] = _shares(stats_of, list(map(len, chains)), total - overhead, option)
-        bits = [8.0 * (each or 0) for each in sizes]
+        sizes = _shares(stats_of, list(map(len, chains)), total - overhead, option)
+        bits = [8.0 * each for each in sizes]
     budgets = []
-    for chain, whole, most_bytes in zip(chains, bits, sizes, strict=True):
+    for chain, whole in zip(chains, bits, strict=True):
         weights = bit_weights(chain, stats, psnr)
         least = min(8.0 * RATE.least_gop_bytes, whole / len(chain))
         spare = whole - least * len(chain)
@@ -73,7 +72,7 @@ def plan(
         gaussians = max(1, round(min(shares[0] / _gaussian_bits(chain), most)))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
             own = stats[gop.start : gop.stop]
-            share = None if most_bytes is None else int(bits_of_gop / 8)
+            share = int(bits_of_gop / 8) if settings.target_psnr is None else None
             grid = _grid(own, gaussians, size, settings, predicted=number > 0)
             budgets.append(Budget(gaussians, share, settings.target_psnr, grid))
     return budgets

@@ -69,9 +69,10 @@ def slice_gops(
     bounded = replace(alone, longest=min(alone.longest, chained.longest))
 
     def chain_pays(span: range) -> bool:
+        if gop != "adaptive":
+            return True
         apart = float(_progress([stats[n] for n in span], alone)[-1])
-        chain = _cut(span, stats, gop, chained.gops)
-        return gop != "adaptive" or pays(chain, max(1.0, apart))
+        return pays(_cut(span, stats, gop, chained.gops), max(1.0, apart))
 
     chains: list[Chain] = []
     for shot in shots:
