@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from gsvrcodec.fit.axes import Axes
 from gsvrcodec.fit.field import Field, Tensors, squared_error
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.price import Price
@@ -19,11 +20,13 @@ from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.render.backend import Backend, Samples
 
 #: Attributes whose first two components are lengths along x and y.
-_LENGTHS = frozenset(("position", "linear", "quadratic", "xy"))
+_LENGTHS = frozenset(("linear", "quadratic", "xy"))
+#: Steps after which the axes of Gaussians are looked at again.
+_AXES_STEPS = 8
 
 
 class Adam:
-    """Adam with a rate for each component of an attribute.
+    """Adam with a rate for each component of an attribute; positions move along their axes.
 
     Args:
         raw: leaf tensors by the names of `Gop`.
@@ -38,6 +41,8 @@ class Adam:
         self, raw: Tensors, recipe: Recipe, size: tuple[int, int], backend: Backend
     ) -> None:
         self._raw, self._betas, self._backend = raw, recipe.betas, backend
+        self._size, self._along_axes = size, recipe.in_pixels
+        self._axes: Axes | None = None
         self._steps = 0
         self._mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
         self._square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
@@ -49,14 +54,23 @@ class Adam:
                 rates[:2] /= np.array(size, np.float32) / 2
             self._rates[name] = torch.from_numpy(rates).to(tensor.device)
 
-    def step(self, factor: float) -> None:
-        """Follow the gradients, at `factor` of the rates, and forget them."""
+    def step(self, factor: float, tensors: Tensors) -> None:
+        """Follow the gradients, at `factor` of the rates, and forget them.
+
+        Args:
+            factor: of all rates.
+            tensors: the decoder's parameters, by the names of `Gop`.
+        """
         self._steps += 1
         for name, tensor in self._raw.items():
             assert tensor.grad is not None
+            gradient, value = tensor.grad, tensor.detach()
+            axes = self._axes_of(tensors) if name == "position" else None
+            if axes is not None:
+                gradient, value = axes.gradient(gradient), torch.zeros_like(value)
             self._backend.adam_step(
-                tensor.detach(),
-                tensor.grad,
+                value,
+                gradient,
                 self._mean[name],
                 self._square[name],
                 self._rates[name],
@@ -65,10 +79,19 @@ class Adam:
                 self._EPSILON,
                 self._steps,
             )
+            if axes is not None:
+                tensor.detach().add_(axes.offset(value))
             tensor.grad = None
+
+    def _axes_of(self, tensors: Tensors) -> Axes | None:
+        """The axes that positions move along; None = the frame's."""
+        if self._along_axes and (self._axes is None or self._steps % _AXES_STEPS == 0):
+            self._axes = Axes(tensors, self._size)
+        return self._axes
 
     def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Put the moments of all Gaussians into a new order; those that moved start anew."""
+        self._axes = None
         for name in self._raw.keys() - {"xy", "xt", "yt"}:
             for moments in (self._mean[name], self._square[name]):
                 moments.copy_(moments[order])
@@ -89,25 +112,25 @@ class Effort:
     def __init__(self, steps: int, seconds: float | None = None) -> None:
         self._steps, self._seconds = steps, seconds
         self._start = time.perf_counter()
-        self._step = 0
+        self.steps = 0  #: taken so far
 
     def advance(self) -> None:
         """Count one step."""
-        self._step += 1
+        self.steps += 1
 
     @property
     def spent(self) -> float:
         """Fraction of the effort that is spent; 1 or more = it is used up."""
         if self._seconds is None:
-            return self._step / self._steps
+            return self.steps / self._steps
         return (time.perf_counter() - self._start) / self._seconds
 
     @property
     def expected_steps(self) -> float:
         """Steps of the whole effort; with a wall time, extrapolated from the steps so far."""
-        if self._seconds is None or self._step < _PACE_STEPS:
+        if self._seconds is None or self.steps < _PACE_STEPS:
             return self._steps
-        return self._step / self.spent
+        return self.steps / self.spent
 
 
 def visits(frames: int, rng: np.random.Generator) -> Iterator[int]:
@@ -168,7 +191,8 @@ def optimise(
         if price is not None and spent >= recipe.coarse:
             price.add(field)
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
-        adam.step(recipe.decay(spent) * patience)
+        warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
+        adam.step(recipe.decay(spent) * patience * warm_up, tensors)
         effort.advance()
 
 

@@ -68,12 +68,13 @@ def quantise_in_stages(
         adam, effort = Adam(field.raw, recipe, size, backend), Effort(*each)
         while (spent := effort.spent) < 1.0:
             index = next(order)
+            tensors = field.tensors()
             loss = squared_error(
-                backend, field.tensors(), float(taus[index]), targets[index], size, backdrop
+                backend, tensors, float(taus[index]), targets[index], size, backdrop
             )
             torch.autograd.backward(loss)
             field.hold()
-            adam.step(STAGED.rates * (1 - spent))
+            adam.step(STAGED.rates * (1 - spent), tensors)
             effort.advance()
         gop = field.stored()
     return gop

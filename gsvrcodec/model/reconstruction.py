@@ -10,7 +10,7 @@ MIN_SCALE = 0.1
 #: Added to the variances of Gaussians on level 0, squared pixels of the coded frame.
 DILATION = 0.1
 #: Subtracted from each weight; a Gaussian ends where its weight is this.
-CUTOFF = 1 / 255
+CUTOFF = 1 / 64
 #: Variance of the filter against aliasing, squared pixels of a frame smaller than the coded one.
 ANTIALIAS = 1 / 4
 #: Number of pyramid levels; level l has 1/2^l of the frame's width and height.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -91,20 +92,54 @@ def test_every_frame_has_its_turn_in_every_round() -> None:
     assert len(set(map(tuple, rounds))) > 1
 
 
+def first_rate(name: str) -> float:
+    """Return the rate of the first step of `MAIN`."""
+    rate = MAIN.rates[name]
+    assert isinstance(rate, float)
+    return rate * MAIN.decay(0) / MAIN.warm_up
+
+
 class TestRates:
     def test_lengths_are_pixels(self) -> None:
         # The same picture twice as large: the Gaussians move as many pixels a step.
-        moves = []
+        first = first_rate("linear")
         for scale in (1, 2):
-            frames = sample(making.BUNNY_SMALL, (64 * scale, 48 * scale), 1)
+            frames = sample(making.BUNNY_SMALL, (64 * scale, 48 * scale), 2)
             start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
             field = Field(start, "polynomial", BACKEND)
             reorder(field, (64 * scale, 48 * scale))
-            before = field.gop().position
+            before = field.gop().linear
             optimise(field, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
-            moves.append(np.abs(field.gop().position - before).max(axis=0) * (32, 24) * scale)
-        np.testing.assert_allclose(moves[0], MAIN.rates["position"], rtol=1e-3)
-        np.testing.assert_allclose(moves[1], MAIN.rates["position"], rtol=1e-3)
+            moved = np.abs(field.gop().linear - before).max(axis=0) * (32, 24) * scale
+            np.testing.assert_allclose(moved, first, rtol=1e-3)
+
+    def test_positions_move_in_proportion_to_scales(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (64, 48), 1)
+        start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
+        start.log_scale[:] = np.log([[1.0], [2.0]]).repeat(30, axis=0)
+        field = Field(start, "polynomial", BACKEND)
+        reorder(field, (64, 48))
+        before = field.gop()
+        optimise(field, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
+        moved = np.linalg.norm((field.gop().position - before.position) * (32, 24), axis=1)
+        large = before.log_scale[:, 0] > 0.5
+        rate = first_rate("position")
+        # Adam's first step has the length of its rate along each axis.
+        np.testing.assert_allclose(moved[large].max(), 2 * rate, rtol=1e-3)
+        np.testing.assert_allclose(moved[~large].max(), rate, rtol=1e-3)
+
+    def test_they_grow_over_the_first_steps(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (64, 48), 1)
+        start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
+        moves = []
+        for steps in (1, 2):
+            field = Field(start, "polynomial", BACKEND)
+            reorder(field, (64, 48))
+            before = field.gop().colour
+            recipe = replace(MAIN, decay=lambda spent: 1.0, relocations=())
+            optimise(field, footage(frames), recipe, Effort(steps), np.random.default_rng(0))
+            moves.append(np.abs(field.gop().colour - before).max())
+        assert moves[1] == pytest.approx(3 * moves[0], rel=0.1)
 
     def test_long_fits_go_slower(self) -> None:
         frames = sample(making.BUNNY_SMALL, (64, 48), 1)
@@ -113,7 +148,7 @@ class TestRates:
             class Once(Effort):
                 @property
                 def spent(self) -> float:
-                    return float(self._step > 0)
+                    return float(self.steps > 0)
 
             start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
             field = Field(start, "polynomial", BACKEND)

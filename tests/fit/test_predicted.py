@@ -136,7 +136,7 @@ class TestChangeWorth:
         )
         error = np.square(frames.astype(float) - before).sum() / 3
         worth = self.worth(gop, frames.astype(np.uint8))
-        assert worth[2] == pytest.approx(error, rel=0.5)
+        assert error / 2 < worth[2] < 2 * error
         assert np.delete(worth, 2).max() < 0.02 * error
 
     def test_motion_is_worth_more_than_one_change_can_do(self, key: Key) -> None:

@@ -54,8 +54,9 @@ def test_some_of_the_loss_is_made_up_for(deform: Deform) -> None:
     gop = fitted(frames, deform)
     result = staged(gop, frames, deform)
     plain, tuned = (quality(dequantised(each, STEPS), frames) for each in (gop, result))
-    assert plain < quality(gop, frames) - 0.5
-    assert tuned > plain + 0.3
+    loss = quality(gop, frames) - plain
+    assert loss > 0.3
+    assert tuned > plain + 0.3 * loss
 
 
 def test_all_but_colours_are_what_will_be_stored() -> None:
@@ -98,7 +99,7 @@ class TestAnchored:
         for name in LOOK:
             # Away from the anchor's values and back costs a rounding of binary32.
             np.testing.assert_allclose(getattr(result, name)[held], 0, atol=2e-6)
-            assert getattr(result, name)[~held].reshape((~held).sum(), -1).any(axis=1).all()
+        assert not unchanged(result)[~held].any()
 
     def test_changes_are_rounded(self) -> None:
         _, anchor, gop = example()

@@ -24,7 +24,7 @@ def test_one_gaussian_by_hand() -> None:
     gop.colour[:] = 0.5, 1.0, -1.0
     parameters = {n: torch.tensor(getattr(gop, n), dtype=torch.float64) for n in Gop.__slots__}
     frame = reference.render(parameters, 0.0, SIZE)
-    weight = math.exp(-(2.0**2 / (9 + 0.1) + 1.25**2 / (0.64 + 0.1)) / 2) - 1 / 255
+    weight = math.exp(-(2.0**2 / (9 + 0.1) + 1.25**2 / (0.64 + 0.1)) / 2) - 1 / 64
     np.testing.assert_allclose(frame[3, 9], [0.5 * weight, weight, -weight], rtol=1e-6)
     codes = render_frames(gop, np.zeros(1, np.float32), SIZE, SIZE, backend="reference")
     assert codes[0, 3, 9].tolist() == [
@@ -48,7 +48,7 @@ def test_a_level_by_hand() -> None:
 
     def weight(x: int, y: int) -> float:
         dx, dy = 2 * (x + 0.5 - 3.75), 2 * (y + 0.5 - 1.125)
-        return math.exp(-(dx * dx / v0 + dy * dy / v1) / 2) - 1 / 255
+        return math.exp(-(dx * dx / v0 + dy * dy / v1) / 2) - 1 / 64
 
     # Column 6 of the frame lies in column 3 of the level, nearer to 2; row 3 in row 1, nearer to 2.
     rows = [0.75 * weight(x, 1) + 0.25 * weight(x, 2) for x in (2, 3)]
