@@ -25,7 +25,7 @@ class Axes:
     _RANGE = (0.3, 3.0)
 
     def __init__(self, tensors: Mapping[str, Tensor], size: tuple[int, int]) -> None:
-        log_scale, rotation = (tensors[name].detach() for name in ("log_scale", "rotation"))
+        log_scale, rotation = tensors["log_scale"], tensors["rotation"]
         self._lengths = torch.exp(log_scale - log_scale.mean()).clamp_(*self._RANGE)
         # Rotations as complex numbers: as fast as one multiplication of arrays.
         self._turn = torch.polar(torch.ones_like(rotation), rotation)

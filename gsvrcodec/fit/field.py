@@ -1,9 +1,8 @@
-"""The trainable form of a GOP, and its squared error as one node of torch's graph."""
+"""The trainable form of a GOP, and the gradients of its squared error."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import torch
@@ -27,7 +26,7 @@ _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
 class Field:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
-    `raw` holds one leaf tensor for each trained attribute, by the names of `Gop`; the indicator is
+    `raw` holds one tensor for each trained attribute, by the names of `Gop`; the indicator is
     a logit there. Attributes that `deform` switches off are not in `raw`. With an anchor, values
     are relative to it.
 
@@ -66,17 +65,12 @@ class Field:
                 "indicator": torch.ones_like(tensors["indicator"]),
                 **{name: torch.zeros(0, 0, 8, device=device) for name in ("xy", "xt", "yt")},
             }
-        self.raw = {
-            name: tensor.requires_grad_()
-            for name, tensor in tensors.items()
-            if name not in self._fixed
-        }
+        self.raw = {name: tensor for name, tensor in tensors.items() if name not in self._fixed}
         if "indicator" in self.raw:
-            indicator = tensors["indicator"].detach().clamp(*_INDICATOR_RANGE)
-            self.raw["indicator"] = torch.logit(indicator).requires_grad_()
+            self.raw["indicator"] = torch.logit(tensors["indicator"].clamp(*_INDICATOR_RANGE))
 
     def tensors(self) -> Tensors:
-        """The decoder's parameters, differentiable in `raw`, in the order of `Gop`."""
+        """The decoder's parameters, in the order of `Gop`."""
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:
             out["indicator"] = torch.sigmoid(out["indicator"])
@@ -89,6 +83,39 @@ class Field:
             out["position"] = out["position"] - self._anchored["carried"] * way
         return {name: out[name] for name in NAMES}
 
+    def gradients(
+        self,
+        tensors: Tensors,
+        tau: float,
+        target: Samples,
+        coded_size: tuple[int, int],
+        backdrop: Samples | None = None,
+    ) -> Tensors:
+        """Gradients of the mean squared error of a frame in `raw`, by the names of `Gop`.
+
+        The backend renders, compares and differentiates in one call; the gradient passes through
+        the clamp of the frame, and through quantisation.
+
+        Args:
+            tensors: the decoder's parameters as `tensors` gives them, or the same quantised.
+            tau: normalised time.
+            target: (H, W, 3) uint8 from `Backend.upload`; the frame is rendered at this size.
+            coded_size: width and height that scales are relative to.
+            backdrop: (H, W, 3) float32 from `backdrop`, added to the frame; None = black.
+        """
+        _, found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop)
+        gradients = dict(zip(NAMES, found, strict=True))
+        if "indicator" in self.raw:
+            indicator = torch.sigmoid(self.raw["indicator"])
+            gradients["indicator"] = gradients["indicator"] * indicator * (1 - indicator)
+        if self._anchored is not None:
+            assert self.anchor is not None
+            start = self.anchor.start
+            back = self._anchored["carried"] * gradients["position"]
+            gradients["linear"] = gradients["linear"] - start * back
+            gradients["quadratic"] = gradients["quadratic"] - start**2 * back
+        return {name: gradients[name] for name in self.raw}
+
     @property
     def carried(self) -> Tensor:
         """1 for Gaussians of the reference, 0 for others, (N, 1); needs an anchor."""
@@ -97,10 +124,9 @@ class Field:
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order."""
-        with torch.no_grad():
-            for name, tensor in self.raw.items():
-                if name not in GRIDS:
-                    tensor.copy_(tensor[order])
+        for name, tensor in self.raw.items():
+            if name not in GRIDS:
+                tensor.copy_(tensor[order])
         if self.anchor is not None:
             self.anchor.rearrange(order)
             self._anchored = self._anchor_tensors()
@@ -109,24 +135,22 @@ class Field:
         """From now on `hold` keeps the look of these Gaussians, (N,)."""
         self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)
 
-    def hold(self) -> None:
-        """Take the gradients away from what is frozen."""
+    def hold(self, gradients: Tensors) -> None:
+        """Take the gradients away from what is frozen, in place."""
         if self._frozen is not None:
-            for name in LOOK:
-                if (raw := self.raw.get(name)) is not None and raw.grad is not None:
-                    raw.grad[self._frozen] = 0
+            for name in gradients.keys() & LOOK:
+                gradients[name][self._frozen] = 0
 
     def renew(
         self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array
     ) -> None:
         """Make Gaussians new: as others are, but for the `values` given by the names of `Gop`."""
-        with torch.no_grad():
-            now = self.raw | {name: self.tensors()[name] for name in LOOK if name in self.raw}
-            fresh = {name: now[name][like].clone() for name in self.raw if name not in GRIDS}
-            for name, tensor in fresh.items():
-                self.raw[name][chosen] = tensor
-            for name, value in values.items():
-                self.raw[name][chosen] = torch.from_numpy(value).to(self.backend.device)
+        now = self.raw | {name: self.tensors()[name] for name in LOOK if name in self.raw}
+        fresh = {name: now[name][like].clone() for name in self.raw if name not in GRIDS}
+        for name, tensor in fresh.items():
+            self.raw[name][chosen] = tensor
+        for name, value in values.items():
+            self.raw[name][chosen] = torch.from_numpy(value).to(self.backend.device)
         if self.anchor is not None:
             self.anchor.release(chosen)
             self._anchored = self._anchor_tensors()
@@ -171,46 +195,3 @@ class Field:
         """The present state as it is stored: relative to the anchor."""
         gop = self.gop()
         return gop if self.anchor is None else self.anchor.stored(gop)
-
-
-class _SquaredError(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any,
-        backend: Backend,
-        tau: float,
-        target: Samples,
-        coded_size: tuple[int, int],
-        backdrop: Samples | None,
-        *tensors: Tensor,
-    ) -> Tensor:
-        parameters = {name: t.detach() for name, t in zip(NAMES, tensors, strict=True)}
-        error, gradients = backend.squared_error(parameters, tau, target, coded_size, backdrop)
-        ctx.gradients = gradients
-        return error if isinstance(error, Tensor) else torch.tensor(error)
-
-    @staticmethod
-    def backward(ctx: Any, *outputs: Tensor) -> Any:
-        (output,) = outputs
-        gradients = ctx.gradients
-        torch._foreach_mul_(gradients, output)
-        return (None, None, None, None, None, *gradients)
-
-
-def squared_error(
-    backend: Backend,
-    tensors: Mapping[str, Tensor],
-    tau: float,
-    target: Samples,
-    coded_size: tuple[int, int],
-    backdrop: Samples | None = None,
-) -> Tensor:
-    """Mean squared error of the clamped frame at `tau` against `target` (H, W, 3), in [0, 1].
-
-    The backend renders, compares and differentiates in one call; the gradient passes through the
-    clamp. The frame is rendered at the target's size, in front of `backdrop` (H, W, 3).
-    """
-    result: Tensor = _SquaredError.apply(  # type: ignore[no-untyped-call]
-        backend, tau, target, coded_size, backdrop, *tensors.values()
-    )
-    return result

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.axes import Axes
-from gsvrcodec.fit.field import Field, Tensors, squared_error
+from gsvrcodec.fit.field import Field, Tensors
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
@@ -29,7 +29,7 @@ class Adam:
     """Adam with a rate for each component of an attribute; positions move along their axes.
 
     Args:
-        raw: leaf tensors by the names of `Gop`.
+        raw: what is optimised, by the names of `Gop`.
         recipe: rates and betas.
         size: width and height of the coded frame, pixels.
         backend: takes the steps.
@@ -54,17 +54,17 @@ class Adam:
                 rates[:2] /= np.array(size, np.float32) / 2
             self._rates[name] = torch.from_numpy(rates).to(tensor.device)
 
-    def step(self, factor: float, tensors: Tensors) -> None:
-        """Follow the gradients, at `factor` of the rates, and forget them.
+    def step(self, gradients: Tensors, factor: float, tensors: Tensors) -> None:
+        """Follow the gradients.
 
         Args:
+            gradients: of all of `raw`.
             factor: of all rates.
             tensors: the decoder's parameters, by the names of `Gop`.
         """
         self._steps += 1
-        for name, tensor in self._raw.items():
-            assert tensor.grad is not None
-            gradient, value = tensor.grad, tensor.detach()
+        for name, raw in self._raw.items():
+            gradient, value = gradients[name], raw
             axes = self._axes_of(tensors) if name == "position" else None
             if axes is not None:
                 gradient, value = axes.gradient(gradient), torch.zeros_like(value)
@@ -80,8 +80,7 @@ class Adam:
                 self._steps,
             )
             if axes is not None:
-                tensor.detach().add_(axes.offset(value))
-            tensor.grad = None
+                raw.add_(axes.offset(value))
 
     def _axes_of(self, tensors: Tensors) -> Axes | None:
         """The axes that positions move along; None = the frame's."""
@@ -186,13 +185,12 @@ def optimise(
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
         tau = float(footage.taus[index])
-        loss = squared_error(field.backend, tensors, tau, targets[index], size, backdrop)
-        torch.autograd.backward(loss)
+        gradients = field.gradients(tensors, tau, targets[index], size, backdrop)
         if price is not None and spent >= recipe.coarse:
-            price.add(field)
+            price.add(field, gradients)
         patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
-        adam.step(recipe.decay(spent) * patience * warm_up, tensors)
+        adam.step(gradients, recipe.decay(spent) * patience * warm_up, tensors)
         effort.advance()
 
 

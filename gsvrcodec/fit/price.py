@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool1d
 
 from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.field import Field, Tensors
 from gsvrcodec.fit.tuned import PREDICTION
 from gsvrcodec.model.quantise import Steps
 
@@ -34,8 +34,8 @@ class Price:
         self._slopes: dict[str, Tensor] = {}
         self._added = 0
 
-    def add(self, field: Field) -> None:
-        """Add the slopes to the gradients of a field.
+    def add(self, field: Field, gradients: Tensors) -> None:
+        """Add the slopes to the gradients of a field, in place.
 
         They change slowly: they are computed anew in every `PREDICTION.priced_steps`-th call, and
         after `forget`.
@@ -44,9 +44,7 @@ class Price:
             self._slopes = self._computed(field)
         self._added += 1
         for name, slope in self._slopes.items():
-            gradient = field.raw[name].grad
-            assert gradient is not None
-            gradient.add_(slope)
+            gradients[name].add_(slope)
 
     def forget(self) -> None:
         """Compute the slopes anew in the next call: the Gaussians have another order."""
@@ -57,7 +55,7 @@ class Price:
         for name, step in self._steps.items():
             if name not in field.raw:
                 continue
-            value = field.raw[name].detach()
+            value = field.raw[name]
             if name in _MOTION:
                 apart = value - _usual(value)
                 slopes[name] = self._weight * PREDICTION.motion_price * _slope(apart, step)

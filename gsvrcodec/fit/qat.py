@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,9 +12,10 @@ from gsvrcodec.fit.field import Tensors
 
 
 def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
-    """Quantisation of each component over its range, with a straight-through gradient.
+    """Quantisation of each component over its range.
 
-    The values agree with `gsvrcodec.model.quantise.dequantised` but for rounding.
+    The values agree with `gsvrcodec.model.quantise.dequantised` but for rounding. Their gradients
+    count as those of the values before (a straight-through estimate).
 
     Args:
         bits: of each attribute.
@@ -25,26 +25,17 @@ def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
         out = {}
         for name, values in tensors.items():
             if name == "rotation":  # pi-periodic, and stored in [0, pi)
-                values = values - (values.detach() / math.pi).floor() * math.pi
-            if values.numel():
-                values = _OverRange.apply(values, bits[name])  # type: ignore[no-untyped-call]
-            out[name] = values
+                values = values - (values / math.pi).floor() * math.pi
+            out[name] = _over_range(values, bits[name]) if values.numel() else values
         return out
 
     return quantise
 
 
-class _OverRange(torch.autograd.Function):
-    """Equal steps from the smallest value of a component to its largest."""
-
-    @staticmethod
-    def forward(ctx: Any, values: Tensor, bits: int) -> Tensor:
-        columns = values.reshape(len(values), -1) if values.dim() < 3 else values.flatten(0, 1)
-        low, high = torch.aminmax(columns, dim=0)
-        step = ((high - low) / ((1 << bits) - 1)).clamp(min=torch.finfo(torch.float32).tiny)
-        codes = ((columns - low) / step).round_()
-        return codes.mul_(step).add_(low).view_as(values)
-
-    @staticmethod
-    def backward(ctx: Any, *outputs: Tensor) -> Any:
-        return outputs[0], None
+def _over_range(values: Tensor, bits: int) -> Tensor:
+    """Round to equal steps from the smallest value of a component to its largest."""
+    columns = values.reshape(len(values), -1) if values.dim() < 3 else values.flatten(0, 1)
+    low, high = torch.aminmax(columns, dim=0)
+    step = ((high - low) / ((1 << bits) - 1)).clamp(min=torch.finfo(torch.float32).tiny)
+    codes = ((columns - low) / step).round_()
+    return codes.mul_(step).add_(low).view_as(values)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.anchor import LOOK, Anchor
-from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Adam, Effort, targets_of, visits
 from gsvrcodec.fit.options import Deform
@@ -69,12 +68,10 @@ def quantise_in_stages(
         while (spent := effort.spent) < 1.0:
             index = next(order)
             tensors = field.tensors()
-            loss = squared_error(
-                backend, tensors, float(taus[index]), targets[index], size, backdrop
-            )
-            torch.autograd.backward(loss)
-            field.hold()
-            adam.step(STAGED.rates * (1 - spent), tensors)
+            tau = float(taus[index])
+            gradients = field.gradients(tensors, tau, targets[index], size, backdrop)
+            field.hold(gradients)
+            adam.step(gradients, STAGED.rates * (1 - spent), tensors)
             effort.advance()
         gop = field.stored()
     return gop

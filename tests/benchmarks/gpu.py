@@ -24,7 +24,7 @@ import torch
 
 import gsvrcodec
 from gsvrcodec.errors import GsvrError
-from gsvrcodec.fit.field import Field, squared_error
+from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.recipe import MAIN
@@ -115,10 +115,8 @@ def correctness(device: str) -> list[Row]:
         for place in "cpu", device:
             backend = backend_on(place)
             field = Field(gop, "hybrid", backend)
-            shown = backend.upload(target)
-            loss = squared_error(backend, field.tensors(), 0.3, shown, coded)
-            torch.autograd.backward(loss)
-            gradients.append({k: v.grad.cpu() for k, v in field.raw.items() if v.grad is not None})
+            found = field.gradients(field.tensors(), 0.3, backend.upload(target), coded)
+            gradients.append({name: gradient.cpu() for name, gradient in found.items()})
         on_cpu, on_gpu = gradients
         rows.append(
             {

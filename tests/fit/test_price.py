@@ -24,20 +24,22 @@ def priced(deform: Deform = "hybrid") -> tuple[Field, dict[str, np.ndarray]]:
     """A field, and what a price adds to the gradients of ones."""
     _, anchor, stored = example()
     field = Field(stored, deform, BACKEND, anchor=anchor)
-    for tensor in field.raw.values():
-        tensor.grad = torch.ones_like(tensor)
-    Price(STEPS, WEIGHT, BACKEND.device).add(field)
-    found = {}
-    for name, tensor in field.raw.items():
-        assert tensor.grad is not None
-        found[name] = tensor.grad.numpy() - 1
-    return field, found
+    gradients = {name: torch.ones_like(tensor) for name, tensor in field.raw.items()}
+    Price(STEPS, WEIGHT, BACKEND.device).add(field, gradients)
+    return field, {name: gradient.numpy() - 1 for name, gradient in gradients.items()}
+
+
+def prices(field: Field) -> dict[str, torch.Tensor]:
+    """What a price adds to the gradients of zeros."""
+    gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
+    Price(STEPS, WEIGHT, BACKEND.device).add(field, gradients)
+    return gradients
 
 
 def test_it_is_the_slope_of_bits() -> None:
     field, found = priced()
     for name in LOOK:
-        change = field.raw[name].detach().double().requires_grad_()
+        change = field.raw[name].double().requires_grad_()
         bits = torch.log2(1 + change.abs() / STEPS[name][0])
         (slope,) = torch.autograd.grad(WEIGHT * bits.sum(), change)
         expected = slope.numpy()
@@ -51,13 +53,8 @@ def test_no_change_costs_nothing() -> None:
     for name in LOOK:
         getattr(stored, name)[:] = 0
     field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-    for tensor in field.raw.values():
-        tensor.grad = torch.zeros_like(tensor)
-    Price(STEPS, WEIGHT, BACKEND.device).add(field)
-    for name in LOOK:
-        gradient = field.raw[name].grad
-        assert gradient is not None
-        assert not gradient.any()
+    found = prices(field)
+    assert not any(found[name].any() for name in LOOK)
 
 
 def test_motion_pays_where_it_differs_from_that_of_its_neighbours() -> None:
@@ -66,18 +63,14 @@ def test_motion_pays_where_it_differs_from_that_of_its_neighbours() -> None:
         getattr(stored, name)[:] = 0.25
         getattr(stored, name)[9, 0] = 0.5
     field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-    for tensor in field.raw.values():
-        tensor.grad = torch.zeros_like(tensor)
-    Price(STEPS, WEIGHT, BACKEND.device).add(field)
+    found = prices(field)
     for name in ("linear", "quadratic"):
-        gradient = field.raw[name].grad
-        assert gradient is not None
-        apart = gradient.numpy()[:, 0]
+        apart = found[name].numpy()[:, 0]
         assert 0 < apart[9] < WEIGHT / math.log(2) / (0.2 + STEPS[name][0])
         # Its neighbours are drawn towards it, and nothing draws where all are the same.
         assert (apart[[8, 10]] < 0).all()
         assert not apart[27]
-        assert not gradient.numpy()[:, 1].any()
+        assert not found[name].numpy()[:, 1].any()
 
 
 def test_what_is_not_trained_is_no_matter() -> None:
@@ -93,22 +86,19 @@ def test_slopes_are_computed_anew_after_some_steps() -> None:
     price = Price(STEPS, WEIGHT, BACKEND.device)
 
     def added() -> np.ndarray:
-        for tensor in field.raw.values():
-            tensor.grad = torch.zeros_like(tensor)
-        price.add(field)
-        gradient = field.raw["position"].grad
-        assert gradient is not None
-        return gradient.numpy()
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
+        price.add(field, gradients)
+        return gradients["position"].numpy()
 
     first = added()
-    field.raw["position"].detach()[:] *= -3
+    field.raw["position"][:] *= -3
     for _ in range(PREDICTION.priced_steps - 1):
         np.testing.assert_array_equal(added(), first)
     second = added()
     assert (second * first <= 0).all()
     assert (second != first).any()
     # Unless the Gaussians have another order.
-    field.raw["position"].detach()[:] *= -1
+    field.raw["position"][:] *= -1
     np.testing.assert_array_equal(added(), second)
     price.forget()
     assert (added() != second).any()

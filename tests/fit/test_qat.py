@@ -65,21 +65,8 @@ class TestValues:
         torch.testing.assert_close(out[:, 0], values[:, 0], atol=0.5 / 255, rtol=0)
 
 
-class TestGradient:
-    def test_passes_straight_through(self) -> None:
-        gop = making.random_gop(np.random.default_rng(3))
-        leaves = {name: t.requires_grad_() for name, t in tensors_of(gop).items()}
-        out = fake_quantiser(PAPER_BITS)(leaves)
-        weights = {name: torch.randn_like(tensor) for name, tensor in out.items()}
-        total = torch.stack([(weights[name] * out[name]).sum() for name in out]).sum()
-        gradients = torch.autograd.grad(total, list(leaves.values()))
-        for name, gradient in zip(leaves, gradients, strict=True):
-            torch.testing.assert_close(gradient, weights[name])
-
-    def test_rotation_is_turned_by_half_circles_only(self) -> None:
-        angles = torch.tensor([-7.0, -0.1, 0.0, 1.0, 3.2, 100.0], requires_grad=True)
-        out = fake_quantiser({"rotation": 16})({"rotation": angles})["rotation"]
-        turns = (angles.detach() - out.detach()) / math.pi
-        torch.testing.assert_close(turns, turns.round(), atol=1e-4, rtol=0)
-        (gradient,) = torch.autograd.grad(out.sum(), angles)
-        assert (gradient == 1).all()
+def test_rotation_is_turned_by_half_circles_only() -> None:
+    angles = torch.tensor([-7.0, -0.1, 0.0, 1.0, 3.2, 100.0])
+    out = fake_quantiser({"rotation": 16})({"rotation": angles})["rotation"]
+    turns = (angles - out) / math.pi
+    torch.testing.assert_close(turns, turns.round(), atol=1e-4, rtol=0)
