@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.start import over_channels, sample_pixels
+from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.render.order import drawing_order
@@ -69,11 +69,11 @@ def move_weakest(
     like = np.empty(count, np.intp)
     position = np.empty((count, 2), np.float32)
     for error, index, begin, end in zip(errors, shown, [0, *bounds[:-1]], bounds, strict=True):
-        pixels = sample_pixels(error.ravel(), end - begin, rng)
+        pixels = _stratified(error.ravel(), end - begin, rng)
         x, y = pixels % size[0], pixels // size[0]
         tau = taus[index]
         moved = gop.position + gop.linear * tau + gop.quadratic * tau**2
-        near = _nearest(moved, size)[y, x]
+        near = _nearest(moved, (-(-size[0] // 2), -(-size[1] // 2)))[y // 2, x // 2]
         like[begin:end] = near
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
         position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
@@ -104,6 +104,16 @@ def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:
     blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error
+
+
+def _stratified(
+    weights: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Draw one number from each of `count` parts of `weights` (K,) that have equal sums."""
+    sums = np.cumsum(weights)
+    drawn = (np.arange(count) + rng.uniform(0, 1, count)) * (sums[-1] / max(count, 1))
+    numbers: NDArray[np.intp] = np.minimum(np.searchsorted(sums, drawn), len(weights) - 1)
+    return numbers
 
 
 def _nearest(position: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
