@@ -145,6 +145,8 @@ class TestField:
         reference = (shown - torch.from_numpy(picture) / 255).square().mean()
         theirs = torch.autograd.grad(reference, list(leaves.values()))
 
+        error, _ = BACKEND.squared_error(field.tensors(), tau, picture, SIZE)
+        assert error == pytest.approx(reference.item(), rel=1e-4)
         assert ours.keys() == field.raw.keys()
         for (name, one), other in zip(ours.items(), theirs, strict=True):
             error = (one.double() - other).norm() / other.norm().clamp(min=1e-12)

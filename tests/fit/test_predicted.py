@@ -135,9 +135,13 @@ class TestChangeWorth:
             for one in (changed, gop)
         )
         error = np.square(frames.astype(float) - before).sum() / 3
-        worth = self.worth(gop, frames.astype(np.uint8))
-        assert error / 2 < worth[2] < 2 * error
-        assert np.delete(worth, 2).max() < 0.02 * error
+        shots = footage(frames.astype(np.uint8))
+        # Sensitivities are drawn: one draw alone may be twice as large as another.
+        worth = np.array(
+            [change_worth(gop, shots, np.random.default_rng(n), BACKEND) for n in range(41)]
+        )
+        assert np.median(worth[:, 2]) == pytest.approx(error, rel=0.5)
+        assert np.delete(worth, 2, axis=1).max() < 0.02 * error
 
     def test_motion_is_worth_more_than_one_change_can_do(self, key: Key) -> None:
         """A square that goes back and forth does not change in the mean."""

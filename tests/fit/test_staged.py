@@ -54,9 +54,8 @@ def test_some_of_the_loss_is_made_up_for(deform: Deform) -> None:
     gop = fitted(frames, deform)
     result = staged(gop, frames, deform)
     plain, tuned = (quality(dequantised(each, STEPS), frames) for each in (gop, result))
-    loss = quality(gop, frames) - plain
-    assert loss > 0.3
-    assert tuned > plain + 0.2 * loss
+    assert plain < quality(gop, frames) - 0.5
+    assert tuned > plain + 0.3
 
 
 def test_all_but_colours_are_what_will_be_stored() -> None:
@@ -93,12 +92,15 @@ class TestAnchored:
         none = np.arange(28) % 2 == 0
         for name in LOOK:
             getattr(gop, name)[none] = 0
+        gop.rotation[~none] = 0.4  # some steps: it does not round to nothing
         np.testing.assert_array_equal(unchanged(gop), none)
         result = self.staged(gop, anchor)
         held = none & anchor.carried
         for name in LOOK:
             # Away from the anchor's values and back costs a rounding of binary32.
             np.testing.assert_allclose(getattr(result, name)[held], 0, atol=2e-6)
+            assert getattr(result, name)[~none].reshape((~none).sum(), -1).any(axis=1).all()
+        # New Gaussians are not held, though they began with nothing.
         assert not unchanged(result)[~held].any()
 
     def test_changes_are_rounded(self) -> None:
