@@ -9,11 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.plane_table import PlaneEntry
+from gsvrcodec.bitstream.refinement_bits import (
+    TABLE_BYTES,
+    pack_parts,
+    pack_table,
+    parse_table,
+    unpack_parts,
+)
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import GopShape, GridKind
 from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.model.quantise import Precision, component, quantiser_of
+from gsvrcodec.model.quantise import (
+    Precision,
+    Quantiser,
+    bits_of,
+    component,
+    quantiser_of,
+    refinements_of,
+)
+from gsvrcodec.model.refinement import REFINED
 from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
 
 #: What is remembered of the planes of a GOP, by attribute and component.
@@ -45,9 +60,13 @@ def pack_planes(
     table: list[bytes] = []
     planes: list[bytes] = []
     stacks = _plane_stacks(shape)
+    quantised: dict[str, list[tuple[NDArray[np.floating], NDArray[np.uint16], Quantiser]]] = (
+        defaultdict(list)
+    )
     for attribute, part, width, height in shape.planes():
         samples = component(values[attribute.name], attribute, part)
         quantiser = quantiser_of(samples, attribute, part, precision)
+        quantised[attribute.name].append((samples, quantiser.quantise(samples), quantiser))
         # Pad the last row with the last sample; decoders drop the padding.
         samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
         codes = quantiser.quantise(samples).reshape(height, width)
@@ -58,7 +77,29 @@ def pack_planes(
         entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
         table.append(entry.to_bytes())
         planes.append(data)
-    return len(planes), b"".join([*table, *planes])
+    return len(planes), b"".join([*table, *planes, *_refinement(quantised, shape, precision)])
+
+
+def _refinement(
+    quantised: Mapping[str, Sequence[tuple[NDArray[np.floating], NDArray[np.uint16], Quantiser]]],
+    shape: GopShape,
+    precision: Precision,
+) -> tuple[bytes, bytes]:
+    """Table and bits of the refinement of new Gaussians."""
+    refined = refinements_of(precision)
+    if not refined or not shape.gaussians:
+        return pack_table({}), b""
+    base = {
+        name: np.stack([own.dequantise(codes) for _, codes, own in quantised[name]], axis=-1)
+        for name in (*REFINED, "indicator")
+    }
+    bits = bits_of(base | {"indicator": base["indicator"][:, 0]}, refined)
+    single = [
+        pack_parts(own.refine(samples, codes, bits[name]), bits[name])
+        for name in refined
+        for samples, codes, own in quantised[name]
+    ]
+    return pack_table(refined), np.packbits(np.concatenate(single)).tobytes()
 
 
 def unpack_planes(
@@ -84,6 +125,7 @@ def unpack_planes(
             "plane_samples", entry.width * entry.height, "the number of samples of a plane"
         )
     values: dict[str, Float32Array] = {}
+    base: dict[str, list[tuple[NDArray[np.uint16], Quantiser]]] = defaultdict(list)
     stacks = _plane_stacks(shape)
     for entry in entries:
         attribute = entry.attribute
@@ -106,13 +148,44 @@ def unpack_planes(
         plane = entry.quantiser.dequantise(codes)
         if attribute.grid not in ("xy", "xt", "yt"):
             plane = plane.reshape(-1)[: shape.samples(attribute.grid)]
+            listed = codes.reshape(-1)[: shape.samples(attribute.grid)]
+            base[attribute.name].append((listed, entry.quantiser))
         if attribute.components == 1:
             values[attribute.name] = plane
             continue
         if entry.component == 0:
             values[attribute.name] = np.empty((*plane.shape, attribute.components), np.float32)
         values[attribute.name][..., entry.component] = plane
+    _refine(values, base, payload[offset:], shape)
     return values
+
+
+def _refine(
+    values: dict[str, Float32Array],
+    base: Mapping[str, Sequence[tuple[NDArray[np.uint16], Quantiser]]],
+    data: bytes,
+    shape: GopShape,
+) -> None:
+    """Refine the values of new Gaussians, in place."""
+    refined = parse_table(data[:TABLE_BYTES])
+    bits = bits_of(values, refined) if refined and shape.gaussians else {}
+    counts = {name: int(own.sum()) for name, own in bits.items()}
+    total = sum(len(base[name]) * count for name, count in counts.items())
+    if len(data) != TABLE_BYTES + -(-total // 8):
+        raise CorruptError(f"refinement of {len(data)} bytes for {total} bits")
+    single = np.unpackbits(np.frombuffer(data, np.uint8, offset=TABLE_BYTES))
+    if single[total:].any():
+        raise CorruptError("bits behind the refinement")
+    at = 0
+    for name, own in bits.items():
+        for part, (codes, quantiser) in enumerate(base[name]):
+            parts = unpack_parts(single[at : at + counts[name]], own)
+            at += counts[name]
+            plane = quantiser.refined(codes, parts, own)
+            if values[name].ndim > 1:
+                values[name][:, part] = plane
+            else:
+                values[name][:] = plane
 
 
 def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:

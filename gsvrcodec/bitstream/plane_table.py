@@ -92,7 +92,7 @@ def parse_plane_table(
             PlaneEntry(attribute, component, Codec(codec), quantiser, width, height, size)
         )
     last = end + sum(entry.size for entry in entries)
-    if last != len(payload):
+    if last > len(payload):
         raise CorruptError(f"planes end at byte {last} of a payload of {len(payload)} bytes")
     return tuple(entries), end
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
-from gsvrcodec.model.quantise import Steps
+from gsvrcodec.model.quantise import Precision, Refined, Steps
+from gsvrcodec.model.refinement import Refinement, levels
 
 
 def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
@@ -60,6 +61,53 @@ def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
             wanted = _short(wanted)
         steps[attribute.name] = tuple(wanted.tolist())
     return steps
+
+
+def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
+    """Steps of equal slope for each Gaussian: coarse ones, and bits for those that need them.
+
+    Args:
+        gop: The GOP to be stored; a key GOP.
+        sensitivities: Squared error of a change of each parameter by one.
+        qscale: Factor of all steps.
+    """
+    precision: dict[str, int | tuple[float, ...] | Refined] = {}
+    precision.update(equal_slope_steps(sensitivities, qscale))
+    if not len(gop):
+        return precision
+    for name, own in levels(gop.log_scale, gop.colour).items():
+        steps = precision[name]
+        assert isinstance(steps, tuple)
+        costs = getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1, dtype=np.float64)
+        refinement, coarser = _best_refinement(costs, own)
+        wanted = coarser * np.array(steps)
+        if name == "rotation":
+            wanted = math.pi / np.maximum(np.round(math.pi / wanted), 2)
+        else:
+            wanted = _short(wanted)
+        precision[name] = Refined(tuple(wanted.tolist()), refinement)
+    return precision
+
+
+def _best_refinement(
+    costs: NDArray[np.float64], levels: NDArray[np.int64]
+) -> tuple[Refinement, float]:
+    """The refinement that saves most bits at equal cost, and how much coarser its steps are.
+
+    Args:
+        costs: Sensitivity of each value, (N,).
+        levels: Of each Gaussian, (N,).
+    """
+    best = -math.inf, Refinement(), 1.0
+    for least in range(int(levels.min()), int(levels.max()) + 1):
+        refinement = Refinement(least, STEPS.most_refined)
+        bits = refinement.bits(levels)
+        left = (costs * 4.0**-bits).mean()
+        coarser = math.sqrt(costs.mean() / left) if left > 0 else 1.0
+        saved = math.log2(coarser) - bits.mean()
+        if saved > best[0]:
+            best = saved, refinement, coarser
+    return best[1:]
 
 
 def _short(steps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import equal_slope_steps, usual_qscale
+from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
 from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.staged import quantise_in_stages
@@ -87,11 +87,11 @@ class QuantisedFit:
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
         gop = with_static(self.fit.gop, self.sensitivities, qscale)
-        precision = equal_slope_steps(self.sensitivities, qscale)
-        if self.fit.anchor is not None:
-            carried = self.fit.anchor.carried
-            gop = with_unchanged(gop, carried, self.sensitivities, precision, qscale)
-        return gop, precision
+        if self.fit.anchor is None:
+            return gop, refined_steps(gop, self.sensitivities, qscale)
+        steps = equal_slope_steps(self.sensitivities, qscale)
+        carried = self.fit.anchor.carried
+        return with_unchanged(gop, carried, self.sensitivities, steps, qscale), steps
 
     def _psnr(self, gop: Gop, precision: Precision) -> float:
         decoded = self.fit.drawn(dequantised(gop, precision))

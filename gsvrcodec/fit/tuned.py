@@ -137,6 +137,7 @@ class _Steps:
     #: factor of the equal-slope step: attributes rounded later make up for this one
     coarser: Mapping[str, float] = field(default_factory=lambda: {"log_scale": 1.5})
     frames: int = 8  #: frames that sensitivities are measured in
+    most_refined: int = 3  #: most bits by which a Gaussian is finer than others
     #: squared 8-bit codes that the motion of a static Gaussian may be worth at qscale 1: what some
     #: ten bits buy elsewhere, at the slope of the steps (2 ln 2 times `unit` for each)
     static_worth: float = 1500.0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.refinement import REFINED, Levels, Refinement, levels
 
 _MAX_BITS = 16
 
@@ -30,8 +31,18 @@ PAPER_BITS: Mapping[str, int] = {
 }
 #: Quantiser step of each component, by attribute name.
 Steps = Mapping[str, tuple[float, ...]]
-#: Quantiser steps, or bits over the range of the values, by attribute name.
-Precision = Steps | Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """Steps of base values, and how many bits more each Gaussian has."""
+
+    steps: tuple[float, ...]  #: of each component
+    refinement: Refinement
+
+
+#: By attribute name: bits over the range of the values, quantiser steps, or refined steps.
+Precision = Mapping[str, int | tuple[float, ...] | Refined]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,8 @@ class Quantiser:
         wanted = precision[attribute.change_of or attribute.name]
         if isinstance(wanted, int):
             return cls.fit(values, wanted)
+        if isinstance(wanted, Refined):
+            wanted = wanted.steps
         return cls.of_step(values, wanted[part], (attribute.low, attribute.high))
 
     @classmethod
@@ -120,6 +133,28 @@ class Quantiser:
         """Values of codes: computed in binary64 with one rounding, then rounded to binary32."""
         return (codes * np.float64(self.step) + self.offset).astype(np.float32)
 
+    def refine(
+        self, values: NDArray[np.floating], codes: NDArray[np.uint16], bits: Levels
+    ) -> Levels:
+        """Where in the cells of their codes values lie: numbers below 2**bits.
+
+        Args:
+            values: Any shape.
+            codes: Of the values, from `quantise`.
+            bits: How many bits refine each value.
+        """
+        if not self.step:
+            return np.zeros(values.shape, np.int64)
+        inside = (values.astype(np.float64) - self.offset) / self.step - codes + 0.5
+        parts: Levels = np.floor(np.ldexp(inside, bits)).astype(np.int64)
+        return np.clip(parts, 0, (1 << bits) - 1)
+
+    def refined(self, codes: NDArray[np.uint16], parts: Levels, bits: Levels) -> Float32Array:
+        """Values of codes that `bits` bits refine, as `dequantise` does."""
+        halves = (codes.astype(np.int64) << (bits + 1)) + 2 * parts + 1 - (1 << bits)
+        values = halves * np.ldexp(np.float64(self.step), -(bits + 1)) + self.offset
+        return values.astype(np.float32)
+
 
 #: Quantiser of `mode`; the greatest mode is 4.
 MODE_QUANTISER = Quantiser(3, 0.0, 1.0)
@@ -154,6 +189,29 @@ def quantiser_of(
     return quantiser
 
 
+def refinements_of(precision: Precision) -> dict[str, Refinement]:
+    """Refinement of each attribute that is refined, in the order of `REFINED`."""
+    wanted = {name: precision[name] for name in REFINED}
+    return {name: own.refinement for name, own in wanted.items() if isinstance(own, Refined)}
+
+
+def bits_of(
+    values: Mapping[str, Float32Array], refinements: Mapping[str, Refinement]
+) -> dict[str, Levels]:
+    """How many bits refine each Gaussian, (N,), for each attribute that is refined.
+
+    Args:
+        values: Base values by attribute name: scales, colours, indicators and motion.
+        refinements: Of the attributes that are refined.
+    """
+    found = levels(values["log_scale"], values["colour"])
+    bits = {name: own.bits(found[name]) for name, own in refinements.items()}
+    still = (values["indicator"] == 1) & ~values["linear"].any(1) & ~values["quadratic"].any(1)
+    for name in bits.keys() & {"linear", "quadratic"}:
+        bits[name][still] = 0
+    return bits
+
+
 def dequantised(gop: Gop, precision: Precision) -> Gop:
     """The GOP that a decoder gets for `gop`, quantised and dequantised, in the given order.
 
@@ -161,15 +219,26 @@ def dequantised(gop: Gop, precision: Precision) -> Gop:
         ValueError: A value is not finite or out of the spec's bounds.
     """
     values: dict[str, Float32Array] = {}
+    quantisers: dict[tuple[str, int], Quantiser] = {}
     for attribute in ATTRIBUTES:
         original: Float32Array = getattr(gop, attribute.name)
         result = np.empty(original.shape, np.float32)
-        if original.size:
-            for part in range(attribute.components):
-                samples = component(original, attribute, part)
-                quantiser = quantiser_of(samples, attribute, part, precision)
-                restored = quantiser.dequantise(quantiser.quantise(samples))
-                target = result if attribute.components == 1 else result[..., part]
-                target[...] = restored
+        for part in range(attribute.components if original.size else 0):
+            samples = component(original, attribute, part)
+            quantiser = quantiser_of(samples, attribute, part, precision)
+            quantisers[attribute.name, part] = quantiser
+            restored = quantiser.dequantise(quantiser.quantise(samples))
+            target = result if attribute.components == 1 else result[..., part]
+            target[...] = restored
         values[attribute.name] = result
+    refinements = refinements_of(precision)
+    bits = bits_of(values, refinements) if refinements and len(gop) else {}
+    for attribute in ATTRIBUTES:
+        for part in range(attribute.components if attribute.name in bits else 0):
+            samples = component(getattr(gop, attribute.name), attribute, part)
+            quantiser, own = quantisers[attribute.name, part], bits[attribute.name]
+            codes = quantiser.quantise(samples)
+            result = values[attribute.name]
+            target = result if attribute.components == 1 else result[..., part]
+            target[...] = quantiser.refined(codes, quantiser.refine(samples, codes, own), own)
     return Gop(**values)
