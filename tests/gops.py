@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
@@ -17,6 +18,8 @@ from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes
+from gsvrcodec.model.quantise import Precision, Refined
+from gsvrcodec.model.refinement import Refinement
 from gsvrcodec.planes import PACKS
 
 #: Fixed here, so that test vectors do not change when a profile is tuned.
@@ -33,6 +36,15 @@ BITS: Mapping[str, int] = {
     "yt": 8,
 }
 SIXTEEN_BITS: Mapping[str, int] = dict.fromkeys(BITS, 16)
+#: Bits of base values, and up to three more for new Gaussians.
+REFINED: Precision = {
+    **BITS,
+    "position": Refined((0.02, 0.02), Refinement(-4, 3)),
+    "log_scale": Refined((0.1, 0.1), Refinement(0, 2)),
+    "rotation": Refined((math.pi / 16,), Refinement(1, 3)),
+    "colour": Refined((0.02, 0.02, 0.02), Refinement(1, 1)),
+    "linear": Refined((0.002, 0.002), Refinement(-2, 8)),
+}
 
 HEADER = Header(width=64, height=48, time_base=Fraction(1, 1000))
 
@@ -68,7 +80,7 @@ def make_payload(
     first_frame: int = 0,
     start_pts: int = 0,
     pack: str = "deflate",
-    bits: Mapping[str, int] = BITS,
+    bits: Precision = BITS,
     seed: int = 0,
     reference: int = 0,
     carried: Carried | None = None,
@@ -122,7 +134,7 @@ def make_chain(
     *,
     grid: tuple[int, int, int] = (3, 2, 4),
     pack: str = "deflate",
-    bits: Mapping[str, int] = BITS,
+    bits: Precision = BITS,
     references: Sequence[int] | None = None,
 ) -> list[bytes]:
     """Payloads of a chain: a key GOP, and GOPs with Gaussians of every mode.

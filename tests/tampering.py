@@ -108,4 +108,4 @@ def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> byte
     parts[plane] = data
     entries[plane] |= {**fields, "size": len(data)}
     table = b"".join(layout.pack(*(entry[name] for name in names)) for entry in entries)
-    return payload[:TABLE_OFFSET] + table + b"".join(parts)
+    return payload[:TABLE_OFFSET] + table + b"".join([*parts, payload[at:]])

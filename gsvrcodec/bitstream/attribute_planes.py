@@ -11,24 +11,26 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.plane_table import PlaneEntry
 from gsvrcodec.bitstream.refinement_bits import (
     TABLE_BYTES,
-    pack_parts,
+    pack_numbers,
     pack_table,
     parse_table,
-    unpack_parts,
+    unpack_bits,
+    unpack_numbers,
 )
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import GopShape, GridKind
-from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.gop import Float32Array, clip_to_bounds
 from gsvrcodec.model.quantise import (
+    Coded,
     Precision,
     Quantiser,
     bits_of,
-    component,
-    quantiser_of,
+    joined,
+    quantised,
     refinements_of,
 )
-from gsvrcodec.model.refinement import REFINED
+from gsvrcodec.model.refinement import Refinement
 from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
 
 #: What is remembered of the planes of a GOP, by attribute and component.
@@ -60,46 +62,36 @@ def pack_planes(
     table: list[bytes] = []
     planes: list[bytes] = []
     stacks = _plane_stacks(shape)
-    quantised: dict[str, list[tuple[NDArray[np.floating], NDArray[np.uint16], Quantiser]]] = (
-        defaultdict(list)
-    )
+    coded = quantised(values, shape.attributes(), precision)
     for attribute, part, width, height in shape.planes():
-        samples = component(values[attribute.name], attribute, part)
-        quantiser = quantiser_of(samples, attribute, part, precision)
-        quantised[attribute.name].append((samples, quantiser.quantise(samples), quantiser))
+        quantiser, codes = coded[attribute.name][part].quantiser, coded[attribute.name][part].codes
         # Pad the last row with the last sample; decoders drop the padding.
-        samples = np.pad(samples.reshape(-1), (0, width * height - samples.size), mode="edge")
-        codes = quantiser.quantise(samples).reshape(height, width)
+        padding = width * height - codes.size
+        plane = np.pad(codes.reshape(-1), (0, padding), mode="edge").reshape(height, width)
         stack = stacks[attribute.grid]
         memory = None if memories is None else memories[attribute.name, part]
-        codec, data = encode_plane(codes, quantiser.bits, codecs, stack.prior, memory)
-        stack.append(codes)
+        codec, data = encode_plane(plane, quantiser.bits, codecs, stack.prior, memory)
+        stack.append(plane)
         entry = PlaneEntry(attribute, part, codec, quantiser, width, height, len(data))
         table.append(entry.to_bytes())
         planes.append(data)
-    return len(planes), b"".join([*table, *planes, *_refinement(quantised, shape, precision)])
+    refinements = refinements_of(precision) if shape.gaussians else {}
+    refinement = _pack_refinement(coded, refinements)
+    return len(planes), b"".join([*table, *planes, refinement])
 
 
-def _refinement(
-    quantised: Mapping[str, Sequence[tuple[NDArray[np.floating], NDArray[np.uint16], Quantiser]]],
-    shape: GopShape,
-    precision: Precision,
-) -> tuple[bytes, bytes]:
-    """Table and bits of the refinement of new Gaussians."""
-    refined = refinements_of(precision)
-    if not refined or not shape.gaussians:
-        return pack_table({}), b""
-    base = {
-        name: np.stack([own.dequantise(codes) for _, codes, own in quantised[name]], axis=-1)
-        for name in (*REFINED, "indicator")
-    }
-    bits = bits_of(base | {"indicator": base["indicator"][:, 0]}, refined)
-    single = [
-        pack_parts(own.refine(samples, codes, bits[name]), bits[name])
-        for name in refined
-        for samples, codes, own in quantised[name]
+def _pack_refinement(
+    coded: Mapping[str, Sequence[Coded]], refinements: Mapping[str, Refinement]
+) -> bytes:
+    """Table and bits of the refinement of new Gaussians (spec section "Refinement")."""
+    base = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
+    numbers = [
+        pack_numbers(part.parts(bits), bits)
+        for name, bits in bits_of(base, refinements).items()
+        for part in coded[name]
     ]
-    return pack_table(refined), np.packbits(np.concatenate(single)).tobytes()
+    bits = np.concatenate(numbers) if numbers else np.empty(0, np.uint8)
+    return pack_table(refinements) + np.packbits(bits).tobytes()
 
 
 def unpack_planes(
@@ -124,68 +116,39 @@ def unpack_planes(
         limits.check(
             "plane_samples", entry.width * entry.height, "the number of samples of a plane"
         )
-    values: dict[str, Float32Array] = {}
-    base: dict[str, list[tuple[NDArray[np.uint16], Quantiser]]] = defaultdict(list)
+    coded: dict[str, list[tuple[Quantiser, NDArray[np.uint16]]]] = defaultdict(list)
     stacks = _plane_stacks(shape)
     for entry in entries:
-        attribute = entry.attribute
+        attribute, quantiser = entry.attribute, entry.quantiser
         stack = stacks[attribute.grid]
         data = payload[offset : offset + entry.size]
         offset += entry.size
+        size = entry.width, entry.height
         try:
-            codes = decode_plane(
-                entry.codec,
-                data,
-                entry.width,
-                entry.height,
-                entry.quantiser.bits,
-                limits,
-                stack.prior,
-            )
+            codes = decode_plane(entry.codec, data, *size, quantiser.bits, limits, stack.prior)
         except CorruptError as error:
             raise CorruptError(f"plane {entry.name}: {error.message}") from error
         stack.append(codes)
-        plane = entry.quantiser.dequantise(codes)
         if attribute.grid not in ("xy", "xt", "yt"):
-            plane = plane.reshape(-1)[: shape.samples(attribute.grid)]
-            listed = codes.reshape(-1)[: shape.samples(attribute.grid)]
-            base[attribute.name].append((listed, entry.quantiser))
-        if attribute.components == 1:
-            values[attribute.name] = plane
-            continue
-        if entry.component == 0:
-            values[attribute.name] = np.empty((*plane.shape, attribute.components), np.float32)
-        values[attribute.name][..., entry.component] = plane
-    _refine(values, base, payload[offset:], shape)
+            codes = codes.reshape(-1)[: shape.samples(attribute.grid)]
+        coded[attribute.name].append((quantiser, codes))
+    values = {
+        name: joined([quantiser.dequantise(codes) for quantiser, codes in parts])
+        for name, parts in coded.items()
+    }
+    refinements = parse_table(payload[offset : offset + TABLE_BYTES])
+    if refinements and not shape.gaussians:
+        raise CorruptError("a refinement without new Gaussians")
+    bits = bits_of(values, refinements)
+    counts = [len(coded[name]) * int(own.sum()) for name, own in bits.items()]
+    single = unpack_bits(payload[offset + TABLE_BYTES :], sum(counts))
+    for (name, own), count in zip(bits.items(), counts, strict=True):
+        numbers = unpack_numbers(single[:count], np.tile(own, len(coded[name])))
+        single = single[count:]
+        parts = zip(coded[name], np.split(numbers, len(coded[name])), strict=True)
+        values[name] = joined([q.refined(codes, each, own) for (q, codes), each in parts])
+        clip_to_bounds(name, values[name])
     return values
-
-
-def _refine(
-    values: dict[str, Float32Array],
-    base: Mapping[str, Sequence[tuple[NDArray[np.uint16], Quantiser]]],
-    data: bytes,
-    shape: GopShape,
-) -> None:
-    """Refine the values of new Gaussians, in place."""
-    refined = parse_table(data[:TABLE_BYTES])
-    bits = bits_of(values, refined) if refined and shape.gaussians else {}
-    counts = {name: int(own.sum()) for name, own in bits.items()}
-    total = sum(len(base[name]) * count for name, count in counts.items())
-    if len(data) != TABLE_BYTES + -(-total // 8):
-        raise CorruptError(f"refinement of {len(data)} bytes for {total} bits")
-    single = np.unpackbits(np.frombuffer(data, np.uint8, offset=TABLE_BYTES))
-    if single[total:].any():
-        raise CorruptError("bits behind the refinement")
-    at = 0
-    for name, own in bits.items():
-        for part, (codes, quantiser) in enumerate(base[name]):
-            parts = unpack_parts(single[at : at + counts[name]], own)
-            at += counts[name]
-            plane = quantiser.refined(codes, parts, own)
-            if values[name].ndim > 1:
-                values[name][:, part] = plane
-            else:
-                values[name][:] = plane
 
 
 def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:

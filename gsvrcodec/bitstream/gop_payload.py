@@ -151,9 +151,15 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
     )
 
 
-def plane_table(payload: bytes, header: Header, limits: Limits) -> tuple[PlaneEntry, ...]:
-    """The plane table of a GOP chunk's payload; no plane is decoded. Raises as `unpack_gop`."""
-    return _parse(payload, header, limits)[3]
+def plane_table(
+    payload: bytes, header: Header, limits: Limits
+) -> tuple[tuple[PlaneEntry, ...], int]:
+    """The plane table of a GOP chunk's payload, and the offset of the first plane.
+
+    No plane is decoded. Raises as `unpack_gop`.
+    """
+    *_, entries, offset = _parse(payload, header, limits)
+    return entries, offset
 
 
 def _parse(

@@ -10,20 +10,22 @@ from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
 
 VERSION_MAJOR = 0
-VERSION_MINOR = 5
+VERSION_MINOR = 6
 
 #: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
 PYRAMID_FLAG = 1
 #: Must-understand flag: GOPs may be predicted from earlier ones. Set since version 0.5.
 PREDICTION_FLAG = 4
+#: Must-understand flag: values of new Gaussians are refined. Set since version 0.6.
+REFINEMENT_FLAG = 8
 #: The must-understand flags of this version; a file must have all of them set.
-KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | PREDICTION_FLAG
+KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | PREDICTION_FLAG | REFINEMENT_FLAG
 
 #: Flag that may be ignored: planes coded as PNG or JPEG XL occur.
 IMAGE_CODECS_FLAG = 1
 
-#: The oldest minor version that this decoder reads; older GOP heads had another layout.
-_OLDEST_MINOR = 5
+#: The oldest minor version that this decoder reads; older GOPs have another layout.
+_OLDEST_MINOR = 6
 
 _VERSION = struct.Struct("<HH")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")

@@ -39,17 +39,31 @@ def parse_table(data: bytes) -> dict[str, Refinement]:
     return found
 
 
-def pack_parts(parts: Levels, bits: Levels) -> NDArray[np.uint8]:
+def pack_numbers(numbers: Levels, bits: Levels) -> NDArray[np.uint8]:
     """Numbers of so many bits each as single bits, the highest of each number first."""
     shift = np.arange(MOST_BITS - 1, -1, -1)
-    single = (parts[:, None] >> shift & 1).astype(np.uint8)
+    single = (numbers[:, None] >> shift & 1).astype(np.uint8)
     return single[shift < bits[:, None]]
 
 
-def unpack_parts(single: NDArray[np.uint8], bits: Levels) -> Levels:
-    """The inverse of `pack_parts`, for as many single bits as `bits` ask for."""
+def unpack_numbers(single: NDArray[np.uint8], bits: Levels) -> Levels:
+    """The inverse of `pack_numbers`."""
     shift = np.arange(MOST_BITS - 1, -1, -1)
     table = np.zeros((len(bits), MOST_BITS), np.int64)
     table[shift < bits[:, None]] = single
-    parts: Levels = (table << shift).sum(axis=1)
-    return parts
+    numbers: Levels = (table << shift).sum(axis=1)
+    return numbers
+
+
+def unpack_bits(data: bytes, count: int) -> NDArray[np.uint8]:
+    """The bits of whole bytes, of which the last is filled up with zeros.
+
+    Raises:
+        CorruptError: Another number of bytes, or ones behind the last bit.
+    """
+    if len(data) != -(-count // 8):
+        raise CorruptError(f"refinement of {len(data)} bytes for {count} bits")
+    bits = np.unpackbits(np.frombuffer(data, np.uint8))
+    if bits[count:].any():
+        raise CorruptError("ones behind the last bit of the refinement")
+    return bits[:count]

@@ -88,11 +88,14 @@ class GopShape:
         count: int = getattr(self, kind)
         return count
 
+    def attributes(self) -> list[Attribute]:
+        """Return the attributes that have samples, in table order."""
+        return [attribute for attribute in ALL_ATTRIBUTES if self.samples(attribute.grid)]
+
     def planes(self) -> list[tuple[Attribute, int, int, int]]:
         """Return the planes in table order: attribute, component, width, height."""
-        planes = []
-        for attribute in ALL_ATTRIBUTES:
-            width, height = self.plane_size(attribute.grid)
-            if width:
-                planes += [(attribute, part, width, height) for part in range(attribute.components)]
-        return planes
+        return [
+            (attribute, part, *self.plane_size(attribute.grid))
+            for attribute in self.attributes()
+            for part in range(attribute.components)
+        ]

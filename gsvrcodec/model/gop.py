@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.attributes import TRIPLANE_CHANNELS as TRIPLANE_CHANNELS
 
 Float32Array = NDArray[np.float32]
@@ -49,3 +50,9 @@ def grid_size(gop: Gop) -> GridSize:
     """Gx, Gy and Gt of the tri-plane; all 0 = no tri-plane."""
     gy, gx, _ = gop.xy.shape
     return gx, gy, gop.xt.shape[0]
+
+
+def clip_to_bounds(name: str, values: Float32Array) -> None:
+    """Clip the values of an attribute to its bounds, in place."""
+    attribute = next(attribute for attribute in ATTRIBUTES if attribute.name == name)
+    np.clip(values, np.float32(attribute.low), np.float32(attribute.high), out=values)

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
 from gsvrcodec.model.reconstruction import MIN_SCALE
 
 #: Bits of a mode. Neither: the Gaussian is kept as it is and stands still.
@@ -28,7 +27,6 @@ _BLOCK = 2048
 
 _LOOK = ("position", "log_scale", "rotation", "colour")
 _MOTION = ("indicator", "linear", "quadratic")
-_BOUNDS = {a.name: (a.low, a.high) for a in ATTRIBUTES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,12 +135,12 @@ def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: G
     values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
     for name, value in values.items():
         value[changed] += getattr(carried, name)
-        _clip(name, value)
+        clip_to_bounds(name, value)
     # The motion begins where the reference ends, plus the change.
     start = start_of_motion(frames[1])
     way = start * carried.linear.astype(np.float64) + start**2 * carried.quadratic
     values["position"][moved] = values["position"][moved] - way
-    _clip("position", values["position"])
+    clip_to_bounds("position", values["position"])
     count = len(mode)
     values["indicator"] = np.ones(count, np.float32)
     values["linear"] = np.zeros((count, 2), np.float32)
@@ -155,12 +153,6 @@ def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: G
         for name, value in values.items()
     }
     return replace(new, **both)
-
-
-def _clip(name: str, values: Float32Array) -> None:
-    """Clip the values of an attribute to its bounds, in place."""
-    low, high = _BOUNDS[name]
-    np.clip(values, np.float32(low), np.float32(high), out=values)
 
 
 def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float64]:

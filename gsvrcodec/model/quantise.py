@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
 from gsvrcodec.model.refinement import REFINED, Levels, Refinement, levels
 
 _MAX_BITS = 16
@@ -189,6 +189,52 @@ def quantiser_of(
     return quantiser
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Coded:
+    """One component of an attribute, as a writer quantises it."""
+
+    samples: NDArray[np.floating]  #: what is stored; any shape
+    quantiser: Quantiser
+    codes: NDArray[np.uint16]  #: of the samples
+
+    @property
+    def base(self) -> Float32Array:
+        """Values of the codes."""
+        return self.quantiser.dequantise(self.codes)
+
+    def parts(self, bits: Levels) -> Levels:
+        """Numbers of so many bits that refine the codes."""
+        return self.quantiser.refine(self.samples, self.codes, bits)
+
+
+def quantised(
+    values: Mapping[str, NDArray[np.floating]],
+    attributes: Iterable[Attribute],
+    precision: Precision,
+) -> dict[str, tuple[Coded, ...]]:
+    """Quantise the components of attributes, without those that have no samples.
+
+    Raises:
+        ValueError: A value is not finite or out of the spec's bounds.
+    """
+    found: dict[str, tuple[Coded, ...]] = {}
+    for attribute in attributes:
+        if not values[attribute.name].size:
+            continue
+        parts = []
+        for part in range(attribute.components):
+            samples = component(values[attribute.name], attribute, part)
+            quantiser = quantiser_of(samples, attribute, part, precision)
+            parts.append(Coded(samples, quantiser, quantiser.quantise(samples)))
+        found[attribute.name] = tuple(parts)
+    return found
+
+
+def joined(components: Sequence[Float32Array]) -> Float32Array:
+    """An attribute from its components: in a last axis, if there are several."""
+    return components[0] if len(components) == 1 else np.stack(components, axis=-1)
+
+
 def refinements_of(precision: Precision) -> dict[str, Refinement]:
     """Refinement of each attribute that is refined, in the order of `REFINED`."""
     wanted = {name: precision[name] for name in REFINED}
@@ -201,9 +247,11 @@ def bits_of(
     """How many bits refine each Gaussian, (N,), for each attribute that is refined.
 
     Args:
-        values: Base values by attribute name: scales, colours, indicators and motion.
+        values: Base values by attribute name; scales, colours, indicators and motion are needed.
         refinements: Of the attributes that are refined.
     """
+    if not refinements:
+        return {}
     found = levels(values["log_scale"], values["colour"])
     bits = {name: own.bits(found[name]) for name, own in refinements.items()}
     still = (values["indicator"] == 1) & ~values["linear"].any(1) & ~values["quadratic"].any(1)
@@ -218,27 +266,13 @@ def dequantised(gop: Gop, precision: Precision) -> Gop:
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
     """
-    values: dict[str, Float32Array] = {}
-    quantisers: dict[tuple[str, int], Quantiser] = {}
-    for attribute in ATTRIBUTES:
-        original: Float32Array = getattr(gop, attribute.name)
-        result = np.empty(original.shape, np.float32)
-        for part in range(attribute.components if original.size else 0):
-            samples = component(original, attribute, part)
-            quantiser = quantiser_of(samples, attribute, part, precision)
-            quantisers[attribute.name, part] = quantiser
-            restored = quantiser.dequantise(quantiser.quantise(samples))
-            target = result if attribute.components == 1 else result[..., part]
-            target[...] = restored
-        values[attribute.name] = result
-    refinements = refinements_of(precision)
-    bits = bits_of(values, refinements) if refinements and len(gop) else {}
-    for attribute in ATTRIBUTES:
-        for part in range(attribute.components if attribute.name in bits else 0):
-            samples = component(getattr(gop, attribute.name), attribute, part)
-            quantiser, own = quantisers[attribute.name, part], bits[attribute.name]
-            codes = quantiser.quantise(samples)
-            result = values[attribute.name]
-            target = result if attribute.components == 1 else result[..., part]
-            target[...] = quantiser.refined(codes, quantiser.refine(samples, codes, own), own)
-    return Gop(**values)
+    original = {a.name: getattr(gop, a.name) for a in ATTRIBUTES}
+    coded = quantised(original, ATTRIBUTES, precision)
+    values = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
+    bits = bits_of(values, refinements_of(precision)) if len(gop) else {}
+    for name, own in bits.items():
+        values[name] = joined(
+            [part.quantiser.refined(part.codes, part.parts(own), own) for part in coded[name]]
+        )
+        clip_to_bounds(name, values[name])
+    return Gop(**original | values)

@@ -48,9 +48,10 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     """Return the bytes of a file by purpose; the items add up to the file size.
 
     The items are: each attribute, in the order of the spec, over all GOPs, so those of carried
-    Gaussians stand for themselves; "heads", the heads, timing and plane tables of GOPs; the
-    auxiliary chunks; "container", signature, header, index, end and chunk framing; "unread",
-    payloads that are damaged or not supported by this version. Empty items are left out.
+    Gaussians stand for themselves; "refinement" of the values of new Gaussians; "heads", the heads,
+    timing and plane tables of GOPs; the auxiliary chunks; "container", signature, header, index,
+    end and chunk framing; "unread", payloads that are damaged or not supported by this version.
+    Empty items are left out.
 
     Raises:
         InputError: The file cannot be read.
@@ -58,16 +59,17 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     limits = limits or Limits.from_environment()
     sizes: dict[str, int] = {attribute.name: 0 for attribute in ALL_ATTRIBUTES}
     codecs: dict[str, set[str]] = {}
-    names = ("heads", "settings", "metadata", "streams", "other", "container", "unread")
-    sizes |= dict.fromkeys(names, 0)
+    sizes |= dict.fromkeys(("refinement", "heads", "settings", "metadata", "streams"), 0)
+    sizes |= dict.fromkeys(("other", "container", "unread"), 0)
     sizes["container"] = len(SIGNATURE) + OVERHEAD_BYTES * len(reader.chunks)
     for chunk in reader.chunks:
         if chunk.type in STRUCTURAL_TYPES - {GOP_TYPE}:
             sizes["container"] += chunk.size
         elif chunk.type != GOP_TYPE:
             sizes[_NAMES.get(chunk.type, "other")] += chunk.size
-    for payload, entries in _tables(reader, limits):
-        sizes["heads"] += len(payload) - sum(entry.size for entry in entries)
+    for size, entries, offset in _tables(reader, limits):
+        sizes["heads"] += offset
+        sizes["refinement"] += size - offset - sum(entry.size for entry in entries)
         for entry in entries:
             name = entry.attribute.name
             sizes[name] += entry.size
@@ -86,9 +88,11 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     )
 
 
-def _tables(reader: GsvrReader, limits: Limits) -> Iterator[tuple[bytes, tuple[PlaneEntry, ...]]]:
-    """Yield payload and plane table of each valid GOP."""
+def _tables(
+    reader: GsvrReader, limits: Limits
+) -> Iterator[tuple[int, tuple[PlaneEntry, ...], int]]:
+    """Yield size, plane table, and offset of the first plane of each valid GOP."""
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)
-            yield payload, plane_table(payload, reader.header, limits)
+            yield len(payload), *plane_table(payload, reader.header, limits)

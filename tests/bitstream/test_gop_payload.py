@@ -21,6 +21,7 @@ from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop
 from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
@@ -219,7 +220,7 @@ class TestPack:
 class TestPlaneTable:
     def test_says_what_is_in_a_gop(self) -> None:
         payload = make_payload(50, (4, 3, 2), pack="auto")
-        entries = plane_table(payload, HEADER, Limits())
+        entries, offset = plane_table(payload, HEADER, Limits())
         assert len(entries) == 37
         assert [entry.name for entry in entries[:5]] == [
             "position.0",
@@ -231,10 +232,11 @@ class TestPlaneTable:
         assert (entries[0].width, entries[0].height) == (8, 7)
         assert (entries[-1].width, entries[-1].height) == (3, 2)
         assert entries[0].quantiser.bits == 13
-        assert sum(entry.size for entry in entries) < len(payload)
+        assert offset + sum(entry.size for entry in entries) + TABLE_BYTES == len(payload)
 
     def test_is_empty_without_gaussians(self) -> None:
-        assert plane_table(make_payload(0), HEADER, Limits()) == ()
+        payload = make_payload(0)
+        assert plane_table(payload, HEADER, Limits()) == ((), len(payload) - TABLE_BYTES)
 
 
 class TestUnpack:

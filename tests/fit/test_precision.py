@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.precision import equal_slope_steps, usual_qscale
+from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.quantise import Refined, dequantised
+from gsvrcodec.model.refinement import REFINED
 from tests import making
 from tests.fit.synthetic import BACKEND, footage
 
@@ -67,3 +69,34 @@ def test_usual_qscale() -> None:
     assert usual_qscale(48 * 1280 * 640, 12000, 30.0) == pytest.approx(2 * sparse, rel=0.01)
     assert usual_qscale(1, 10**6, 40.0) == RATE_CONTROL.finest
     assert usual_qscale(10**9, 1, 20.0) == RATE_CONTROL.coarsest
+
+
+class TestRefined:
+    def test_costs_no_more_than_one_step_for_all(self, gop: Gop) -> None:
+        """Coarser base steps, finer ones where it matters: the same error by the sensitivities."""
+        found = measured(gop)
+        steps, refined = equal_slope_steps(found, 0.3), refined_steps(gop, found, 0.3)
+        costs = []
+        for precision in (steps, refined):
+            decoded = dequantised(gop, precision)
+            error = {n: np.square(getattr(decoded, n) - getattr(gop, n)) for n in REFINED}
+            costs.append(sum(float((getattr(found, n) * e).sum()) for n, e in error.items()))
+        assert costs[1] < 1.25 * costs[0]
+        for name in REFINED:
+            own, plain = refined[name], steps[name]
+            assert isinstance(own, Refined)
+            assert own.steps[0] >= 0.99 * plain[0]
+
+    def test_a_gop_whose_gaussians_are_alike_has_the_plain_steps(self) -> None:
+        one = making.random_gop(np.random.default_rng(5), gaussians=1)
+        found = measured(one)
+        plain, refined = equal_slope_steps(found, 0.3), refined_steps(one, found, 0.3)
+        for name in REFINED:
+            own = refined[name]
+            assert isinstance(own, Refined)
+            finest = own.steps[0] / 2**own.refinement.most
+            assert finest <= 1.02 * plain[name][0]
+
+    def test_no_gaussians(self) -> None:
+        empty = making.random_gop(np.random.default_rng(5), gaussians=0)
+        assert refined_steps(empty, empty, 1.0).keys() == equal_slope_steps(empty, 1.0).keys()

@@ -11,11 +11,11 @@ import pytest
 from gsvrcodec.fit import quantised as module
 from gsvrcodec.fit.fitting import Allowance, fit_gop, mean_psnr
 from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import equal_slope_steps, usual_qscale
+from gsvrcodec.fit.precision import refined_steps, usual_qscale
 from gsvrcodec.fit.quantised import Quantised, QuantisedFit, as_published, quantisable
 from gsvrcodec.fit.rate_control import Candidate
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.quantise import PAPER_BITS, Precision, dequantised
+from gsvrcodec.model.quantise import PAPER_BITS, Precision, Refined, dequantised
 from tests import making
 from tests.fit.synthetic import BACKEND, footage, sample
 
@@ -24,7 +24,8 @@ SIZE = (96, 64)
 
 def measure(gop: Gop, precision: Precision, exact: bool) -> int:
     """Sum of the codes' ranges: bytes, or so; a quick measure is 100 more."""
-    codes = sum(int(1 / step) for steps in precision.values() for step in np.atleast_1d(steps))
+    steps = [own.steps if isinstance(own, Refined) else own for own in precision.values()]
+    codes = sum(int(1 / step) for own in steps for step in np.atleast_1d(own))
     return codes + int((gop.indicator < 1).sum()) + 100 * (not exact)
 
 
@@ -64,7 +65,7 @@ def test_quality_falls_with_the_qscale(fit: QuantisedFit) -> None:
 class TestQuantised:
     def test_quality_is_what_a_decoder_shows(self, fit: QuantisedFit) -> None:
         stored = fit.quantised(2.0)
-        assert stored.precision == equal_slope_steps(fit.sensitivities, 2.0)
+        assert stored.precision == refined_steps(fit.fit.gop, fit.sensitivities, 2.0)
         shown = dequantised(stored.gop, stored.precision)
         assert stored.psnr == mean_psnr(shown, fit.fit.footage, BACKEND)
 

@@ -72,18 +72,23 @@ class TestBytes:
         path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 3}, auxiliary=extra)
         items = {item.name: item for item in inspect_bytes(path)}
         planes: dict[str, int] = {}
+        heads = 0
         with GsvrReader(path) as reader:
             payloads = [reader.read_gop(position) for position in range(3)]
             header = reader.header
             framing = 8 + 20 * len(reader.chunks)
             framing += sum(c.size for c in reader.chunks if c.type in (b"HEAD", b"indx", b"fend"))
         for payload in payloads:
-            for entry in plane_table(payload, header, Limits()):
+            entries, offset = plane_table(payload, header, Limits())
+            heads += offset
+            for entry in entries:
                 name = entry.attribute.name
                 planes[name] = planes.get(name, 0) + entry.size
         assert {name: items[name].bytes for name in planes} == planes
         assert {attribute.name for attribute in ATTRIBUTES} == set(planes)
-        assert items["heads"].bytes == sum(map(len, payloads)) - sum(planes.values())
+        assert items["heads"].bytes == heads
+        left = sum(map(len, payloads)) - heads - sum(planes.values())
+        assert items["refinement"].bytes == left
         assert items["container"].bytes == framing
         assert (items["streams"].bytes, items["other"].bytes) == (5000, 30)
         assert items["settings"].bytes == len('{"seed": 3}')

@@ -29,6 +29,7 @@ from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES, parse_go
 from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_gop
 from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
@@ -37,6 +38,7 @@ from gsvrcodec.planes import PACKS
 from tests.gops import (
     BITS,
     HEADER,
+    REFINED,
     SIXTEEN_BITS,
     make_chain,
     make_file,
@@ -131,6 +133,8 @@ def valid_vectors() -> Iterator[tuple[str, bytes]]:
     yield "predicted", make_file(make_chain())
     yield "predicted-entropy", make_file(make_chain((2, 2, 2), 120, 20, pack="entropy"))
     yield "predicted-branches", make_file(make_chain((3, 1, 2, 2, 2), references=(0, 1, 0, 1)))
+    yield "refined", make_file([make_payload(50, (6, 4, 3), pack="entropy", bits=REFINED, seed=1)])
+    yield "predicted-refined", make_file(make_chain((2, 2, 2), bits=REFINED))
     for name, pack in (("sixteen-bits", "jxl"), ("sixteen-bits-entropy", "entropy")):
         yield name, make_file([make_payload(30, (4, 3, 2), pack=pack, bits=SIXTEEN_BITS)])
 
@@ -176,9 +180,9 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("flipped-payload", _flip(good, good.index(gop) + 70), 3, "CRC mismatch")
     yield Fault("flipped-chunk-head", _flip(good, good.index(gop) - 8), 3, "CRC mismatch")
     yield Fault("critical-chunk", joined([head, first, Piece(b"Nope", b"")]), 4, "chunk Nope")
-    yield header("major-version", 0, "H", 1, code=4, says="version 1.5")
-    yield header("version-0.4", 2, "H", 4, code=4, says="reads 0.5 and later: encode the")
-    yield header("required-flag", 4, "I", 1 << 31 | 5, code=4, says="flags 0x80000000")
+    yield header("major-version", 0, "H", 1, code=4, says="version 1.6")
+    yield header("version-0.5", 2, "H", 5, code=4, says="reads 0.6 and later: encode the")
+    yield header("required-flag", 4, "I", 1 << 31 | 13, code=4, says="flags 0x80000000")
     yield header("no-prediction-flag", 4, "I", 1, code=3, says="flags 0x00000001")
     yield header("zero-width", 12, "I", 0, code=3, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, code=3, says="time base 0/1000")
@@ -228,8 +232,29 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("context-no-token", bytes.fromhex("0000240000000100 0000"), "none of", codec=4)
     yield plane("ranges-too-high", b"\x00\xff\xff\x03\x00\x00\x01\x00", "out of range", codec=5)
     yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
+    yield from _refinement_faults()
     yield from _prediction_faults()
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), 3, "JSON")
+
+
+def _refinement_faults() -> Iterator[Fault]:
+    """Faults behind the planes of the first GOP."""
+
+    def behind(name: str, says: str, refinement: bytes, gaussians: int = 20) -> Fault:
+        payload = make_payload(gaussians)
+        return Fault(name, make_file([payload[:-TABLE_BYTES] + refinement]), 3, says)
+
+    none = bytes(TABLE_BYTES)
+    every = struct.pack("<bB", -128, 1) + none[2:]  # a bit for both positions of each Gaussian
+    yield behind("refinement-none", "refinement cut short", b"")
+    yield behind("refinement-cut", "refinement cut short", none[1:])
+    yield behind("refinement-most", "of position by 9 bits", b"\0\x09" + none[2:])
+    yield behind("refinement-level", "of position by 0 bits from level 1", b"\1" + none[1:])
+    yield behind("refinement-without-new", "without new Gaussians", every, gaussians=0)
+    yield behind("refinement-trailing", "of 1 bytes for 0 bits", none + b"\0")
+    yield behind("refinement-short", "of 4 bytes for 40 bits", every + bytes(4))
+    yield behind("refinement-long", "of 6 bytes for 40 bits", every + bytes(6))
+    yield behind("refinement-ones", "behind the last bit", every + bytes(4) + b"\1", gaussians=19)
 
 
 def _prediction_faults() -> Iterator[Fault]:
@@ -360,7 +385,7 @@ def hex_dump(data: bytes) -> str:
     chunk(
         "HEAD",
         [
-            (4, "version 0.5"),
+            (4, "version 0.6"),
             (8, "flags"),
             (8, "size 16x8"),
             (8, "sample aspect 1/1"),
@@ -383,8 +408,9 @@ def hex_dump(data: bytes) -> str:
     ]
     table = [(16, f"plane {name}") for name in names]
     planes = [(2, f"samples of {name}") for name in names]
-    chunk("GOPD", [*summary, *shape, *timing, *table, *planes])
-    gop_size = GOP_HEAD_BYTES + 3 + 18 * len(names)
+    refinement = [(12, "no refinement")]
+    chunk("GOPD", [*summary, *shape, *timing, *table, *planes, *refinement])
+    gop_size = GOP_HEAD_BYTES + 3 + 18 * len(names) + 12
     chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
     chunk("fend", [(8, f"index at byte {98 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
     lines = []
