@@ -68,7 +68,8 @@ _TRITON = {path.name for path in PACKAGE.glob("render/triton/*.py")}
 #: Modules of a package that may import what the rest of it may not.
 ONLY_IN = {
     ("bitstream", "numpy"): {
-        *("attribute_planes.py", "gop_chain.py", "gop_payload.py", "timing.py"),
+        *("attribute_planes.py", "gop_chain.py", "gop_payload.py"),
+        *("refinement_bits.py", "timing.py"),
     },
     ("render", "torch"): {"reference.py", "device.py", "backend.py", "native.py", *_TRITON},
     ("render", "triton"): _TRITON,

@@ -11,7 +11,7 @@ from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.quantise import Precision, Refined, Steps
-from gsvrcodec.model.refinement import Refinement, levels
+from gsvrcodec.model.refinement import REFINED, Refinement, levels
 
 
 def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
@@ -75,17 +75,26 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
     precision.update(equal_slope_steps(sensitivities, qscale))
     if not len(gop):
         return precision
-    for name, own in levels(gop.log_scale, gop.colour).items():
-        steps = precision[name]
-        assert isinstance(steps, tuple)
-        costs = getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1, dtype=np.float64)
-        refinement, coarser = _best_refinement(costs, own)
-        wanted = coarser * np.array(steps)
-        if name == "rotation":
-            wanted = math.pi / np.maximum(np.round(math.pi / wanted), 2)
-        else:
-            wanted = _short(wanted)
-        precision[name] = Refined(tuple(wanted.tolist()), refinement)
+    moving = gop.linear.any(axis=1) | gop.quadratic.any(axis=1)
+    plain = {name: np.array(precision[name]) for name in REFINED}
+    base = {"log_scale": gop.log_scale, "colour": gop.colour}
+    for _ in range(STEPS.refinements):
+        for name, own in levels(base["log_scale"], base["colour"]).items():
+            costs = getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1)
+            if name in ("linear", "quadratic"):
+                costs, own = costs[moving], own[moving]
+            if not len(own):
+                continue
+            refinement, coarser = _best_refinement(costs.astype(np.float64), own)
+            wanted = coarser * plain[name]
+            if name == "rotation":
+                wanted = math.pi / np.maximum(np.round(math.pi / wanted), 2)
+            else:
+                wanted = _short(wanted)
+            precision[name] = Refined(tuple(wanted.tolist()), refinement)
+            if name in base:  # levels follow from rounded values
+                step = wanted.astype(np.float32)
+                base[name] = np.rint(getattr(gop, name) / step) * step
     return precision
 
 

@@ -133,11 +133,13 @@ class _Steps:
     #: squared 8-bit codes that rounding one parameter costs over a whole GOP, at qscale 1
     unit: float = 100.0
     #: squared error of rounding, in that of the fit, which costs 0.2 dB after tuning
-    usual_share: float = 0.06
+    usual_share: float = 0.05
     #: factor of the equal-slope step: attributes rounded later make up for this one
     coarser: Mapping[str, float] = field(default_factory=lambda: {"log_scale": 1.5})
     frames: int = 8  #: frames that sensitivities are measured in
     most_refined: int = 3  #: most bits by which a Gaussian is finer than others
+    #: times that refinements are chosen: each time by levels of values as rounded by the last
+    refinements: int = 2
     #: squared 8-bit codes that the motion of a static Gaussian may be worth at qscale 1: what some
     #: ten bits buy elsewhere, at the slope of the steps (2 ln 2 times `unit` for each)
     static_worth: float = 1500.0
@@ -182,7 +184,7 @@ class _RateControl:
     #: by each GOP left one Gaussian for the last of ten, and 12 dB: cup, 96 frames at 0.015 bpp
     excess: float = 1.2
     #: qscale of a key GOP whose chain has a size to meet, in the usual one
-    coarser_key: float = 1.8
+    coarser_key: float = 2.0
     #: where a size is to be met, the finest qscale, in the usual one: it costs 0.05 dB
     finest_usual: float = 0.5
     #: range of the qscale

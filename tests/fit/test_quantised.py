@@ -14,6 +14,7 @@ from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import refined_steps, usual_qscale
 from gsvrcodec.fit.quantised import Quantised, QuantisedFit, as_published, quantisable
 from gsvrcodec.fit.rate_control import Candidate
+from gsvrcodec.fit.static import with_static
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, Refined, dequantised
 from tests import making
@@ -65,7 +66,9 @@ def test_quality_falls_with_the_qscale(fit: QuantisedFit) -> None:
 class TestQuantised:
     def test_quality_is_what_a_decoder_shows(self, fit: QuantisedFit) -> None:
         stored = fit.quantised(2.0)
-        assert stored.precision == refined_steps(fit.fit.gop, fit.sensitivities, 2.0)
+        assert stored.precision == refined_steps(
+            with_static(fit.fit.gop, fit.sensitivities, 2.0), fit.sensitivities, 2.0
+        )
         shown = dequantised(stored.gop, stored.precision)
         assert stored.psnr == mean_psnr(shown, fit.fit.footage, BACKEND)
 
