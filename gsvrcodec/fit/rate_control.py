@@ -103,18 +103,25 @@ def _finest(candidate: Candidate[R]) -> float:
 
 
 def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:
-    """Quantise so that the decoded frames come to about `target_psnr`, dB, after tuning."""
+    """Quantise so that the decoded frames come to about `target_psnr`, dB, after tuning.
+
+    Of all trials the nearest is returned.
+    """
     left = RATE_CONTROL.loss_left if candidate.is_tuned else 1.0
     trials = RATE_CONTROL.tunings if candidate.is_tuned else 1
     qscale = candidate.usual_qscale
+    misses: list[float] = []
     for _ in range(trials):
         loss = max(0.0, candidate.psnr - target_psnr) / left
         qscale = find_qscale(candidate.quality, Target.of_psnr(candidate.psnr - loss), qscale)
         result = candidate.quantised(qscale, trials=trials)
-        if abs(result.psnr - target_psnr) < RATE_CONTROL.near or not loss:
+        misses.append(abs(result.psnr - target_psnr))
+        if misses[-1] == min(misses):
+            nearest = result
+        if misses[-1] < RATE_CONTROL.near or not loss:
             break
         left = min(max(0.2, (candidate.psnr - result.psnr) / loss), 1.0)
-    return result
+    return nearest
 
 
 def fit_to_psnr(

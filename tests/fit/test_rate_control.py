@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 from hypothesis import given
@@ -165,6 +165,22 @@ class TestQuality:
         candidate = MadeUp(left=RATE_CONTROL.loss_left)
         quantise_to_psnr(candidate, 39.0)
         assert len(candidate.trials) == 1
+
+    def test_the_nearest_trial_is_returned(self) -> None:
+        class Fickle(MadeUp):
+            """Of each trial another fraction of the loss is left."""
+
+            def quantised(self, qscale: float, *, trials: int = 1) -> Stored:
+                kind = replace(self, left=(0.55, 0.6, 0.2)[len(self.trials)])
+                stored = MadeUp.quantised(kind, qscale, trials=trials)
+                found.append(abs(stored.psnr - 37.0))
+                return stored
+
+        found: list[float] = []
+        stored = quantise_to_psnr(Fickle(), 37.0)
+        assert len(found) == 3
+        assert found[-1] > min(found)
+        assert abs(stored.psnr - 37.0) == min(found)
 
     @pytest.mark.parametrize("left", [None, 0.5])
     @pytest.mark.parametrize(("psnr", "end"), [(41.0, FINEST), (40.0, FINEST), (1.0, COARSEST)])
