@@ -30,7 +30,7 @@ from gsvrcodec.model.quantise import (
     quantised,
     refinements_of,
 )
-from gsvrcodec.model.refinement import Refinement
+from gsvrcodec.model.refinement import Refinements
 from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
 
 #: What is remembered of the planes of a GOP, by attribute and component.
@@ -80,18 +80,17 @@ def pack_planes(
     return len(planes), b"".join([*table, *planes, refinement])
 
 
-def _pack_refinement(
-    coded: Mapping[str, Sequence[Coded]], refinements: Mapping[str, Refinement]
-) -> bytes:
+def _pack_refinement(coded: Mapping[str, Sequence[Coded]], refinements: Refinements) -> bytes:
     """Table and bits of the refinement of new Gaussians (spec section "Refinement")."""
+    if not refinements:
+        return pack_table(refinements)
     base = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
     numbers = [
         pack_numbers(part.parts(bits), bits)
         for name, bits in bits_of(base, refinements).items()
         for part in coded[name]
     ]
-    bits = np.concatenate(numbers) if numbers else np.empty(0, np.uint8)
-    return pack_table(refinements) + np.packbits(bits).tobytes()
+    return pack_table(refinements) + np.packbits(np.concatenate(numbers)).tobytes()
 
 
 def unpack_planes(

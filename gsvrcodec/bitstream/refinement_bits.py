@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement
+from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements
 
 _TABLE = struct.Struct("<" + "bB" * len(REFINED))
 TABLE_BYTES = _TABLE.size
 
 
-def pack_table(refinements: Mapping[str, Refinement]) -> bytes:
+def pack_table(refinements: Refinements) -> bytes:
     """The table of refinements; attributes that it lacks are not refined."""
     own = [refinements.get(name, Refinement()) for name in REFINED]
     return _TABLE.pack(*(value for each in own for value in (each.least, each.most)))

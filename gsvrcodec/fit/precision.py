@@ -77,15 +77,17 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
         return precision
     moving = gop.linear.any(axis=1) | gop.quadratic.any(axis=1)
     plain = {name: np.array(precision[name]) for name in REFINED}
+    costs = {
+        name: getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1, dtype=np.float64)
+        for name in REFINED
+    }
     base = {"log_scale": gop.log_scale, "colour": gop.colour}
     for _ in range(STEPS.refinements):
         for name, own in levels(base["log_scale"], base["colour"]).items():
-            costs = getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1)
-            if name in ("linear", "quadratic"):
-                costs, own = costs[moving], own[moving]
-            if not len(own):
+            counted = moving if name in ("linear", "quadratic") else slice(None)
+            if not len(own[counted]):
                 continue
-            refinement, coarser = _best_refinement(costs.astype(np.float64), own)
+            refinement, coarser = _best_refinement(costs[name][counted], own[counted])
             wanted = coarser * plain[name]
             if name == "rotation":
                 wanted = math.pi / np.maximum(np.round(math.pi / wanted), 2)
@@ -99,18 +101,18 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
 
 
 def _best_refinement(
-    costs: NDArray[np.float64], levels: NDArray[np.int64]
+    costs: NDArray[np.float64], own_levels: NDArray[np.int64]
 ) -> tuple[Refinement, float]:
     """The refinement that saves most bits at equal cost, and how much coarser its steps are.
 
     Args:
         costs: Sensitivity of each value, (N,).
-        levels: Of each Gaussian, (N,).
+        own_levels: Level of each Gaussian, (N,).
     """
     best = -math.inf, Refinement(), 1.0
-    for least in range(int(levels.min()), int(levels.max()) + 1):
+    for least in range(int(own_levels.min()), int(own_levels.max()) + 1):
         refinement = Refinement(least, STEPS.most_refined)
-        bits = refinement.bits(levels)
+        bits = refinement.bits(own_levels)
         left = (costs * 4.0**-bits).mean()
         coarser = math.sqrt(costs.mean() / left) if left > 0 else 1.0
         saved = math.log2(coarser) - bits.mean()

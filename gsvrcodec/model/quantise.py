@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
-from gsvrcodec.model.refinement import REFINED, Levels, Refinement, levels
+from gsvrcodec.model.refinement import REFINED, Levels, Refinement, Refinements, levels
 
 _MAX_BITS = 16
 
@@ -241,9 +241,7 @@ def refinements_of(precision: Precision) -> dict[str, Refinement]:
     return {name: own.refinement for name, own in wanted.items() if isinstance(own, Refined)}
 
 
-def bits_of(
-    values: Mapping[str, Float32Array], refinements: Mapping[str, Refinement]
-) -> dict[str, Levels]:
+def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dict[str, Levels]:
     """How many bits refine each Gaussian, (N,), for each attribute that is refined.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from fractions import Fraction
 from functools import cache
@@ -10,18 +11,22 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
+import torch
 
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.native import NativeBackend
+from gsvrcodec.render.reference import render
 from gsvrcodec.video import open_video
 from tests import making
 
@@ -124,3 +129,31 @@ def assert_finite(gop: Gop) -> None:
     """Every number is one."""
     for field in fields(Gop):
         assert np.isfinite(getattr(gop, field.name)).all(), field.name
+
+
+def assert_gradients_of_the_reference(
+    field: Field,
+    exact: Mapping[str, torch.Tensor],
+    leaves: Mapping[str, torch.Tensor],
+    tau: float,
+    picture: Frames,
+    coded_size: tuple[int, int],
+) -> None:
+    """A field's error against a picture (h, w, 3) and its gradients are the float64 renderer's.
+
+    `exact` are the decoder's parameters in binary64, computed from `leaves`, which are those of
+    `field.raw`.
+    """
+    size = picture.shape[1], picture.shape[0]
+    frame = render(exact, tau, size, coded_size)
+    shown = frame + (frame.clamp(0, 1) - frame).detach()  # the gradient passes the clamp
+    reference = (shown - torch.from_numpy(picture) / 255).square().mean()
+    theirs = torch.autograd.grad(reference, list(leaves.values()))
+
+    error, _ = BACKEND.squared_error(field.tensors(), tau, picture, coded_size)
+    assert error == pytest.approx(reference.item(), rel=1e-4)
+    ours = field.gradients(field.tensors(), tau, picture, coded_size)
+    assert ours.keys() == field.raw.keys()
+    for (name, one), other in zip(ours.items(), theirs, strict=True):
+        missed = (one.double() - other).norm() / other.norm().clamp(min=1e-12)
+        assert missed < 1e-3, name

@@ -12,9 +12,8 @@ from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.native import NativeBackend
-from gsvrcodec.render.reference import render
 from tests import making
-from tests.fit.synthetic import BACKEND
+from tests.fit.synthetic import BACKEND, assert_gradients_of_the_reference
 
 MODES = get_args(Deform)
 SIZE = (37, 26)
@@ -92,23 +91,11 @@ class TestGradients:
     ) -> None:
         field = Field(start, mode, BACKEND)
         picture = target(rendered)
-        ours = field.gradients(field.tensors(), tau, picture, SIZE)
-
         leaves = {name: tensor.double().requires_grad_() for name, tensor in field.raw.items()}
         exact = {name: tensor.double() for name, tensor in field.tensors().items()} | leaves
         if "indicator" in leaves:
             exact["indicator"] = torch.sigmoid(leaves["indicator"])
-        frame = render(exact, tau, rendered, SIZE)
-        shown = frame + (frame.clamp(0, 1) - frame).detach()  # the gradient passes the clamp
-        reference = (shown - torch.from_numpy(picture) / 255).square().mean()
-        theirs = torch.autograd.grad(reference, list(leaves.values()))
-
-        error, _ = BACKEND.squared_error(field.tensors(), tau, picture, SIZE)
-        assert error == pytest.approx(reference.item(), rel=1e-4)
-        assert ours.keys() == field.raw.keys()
-        for (name, one), other in zip(ours.items(), theirs, strict=True):
-            error = (one.double() - other).norm() / other.norm().clamp(min=1e-12)
-            assert error < 1e-3, name
+        assert_gradients_of_the_reference(field, exact, leaves, tau, picture, SIZE)
 
     def test_quantised_values_have_gradients_of_their_own(self, start: Gop) -> None:
         field = Field(start, "hybrid", BACKEND)
