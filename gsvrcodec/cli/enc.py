@@ -29,7 +29,7 @@ _DEFAULTS = EncodeSettings()
 
 _GROUPS = {
     "Size and quality (at most one)": (
-        *("params", "gaussians", "bpp", "bitrate", "target_size", "target_psnr"),
+        *("crf", "params", "gaussians", "bpp", "bitrate", "target_size", "target_psnr"),
     ),
     "Effort": ("preset", "time_budget", "workers", "threads", "device"),
     "Input": ("rate", "bake_rotation", "deinterlace"),
@@ -57,6 +57,12 @@ def main(args: Sequence[str] | None = None) -> int:
 )
 @click.argument("source", metavar="INPUT")
 @click.argument("target", metavar="OUTPUT.gsvr")
+@click.option(
+    "--crf",
+    type=float,
+    metavar="N",
+    help="Constant quality, 0 to 51; about the PSNR of x264 at this number.",
+)
 @click.option(
     "--params",
     type=count,

@@ -10,6 +10,7 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, TRIPLANE
 from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.render.native import resolve_threads
@@ -24,9 +25,10 @@ _PAPER_GRID = (32, 16)
 class Budget:
     """What one GOP is to take and to reach."""
 
-    gaussians: int  #: N; with `target_psnr` a first guess
+    gaussians: int  #: N; with `target_psnr` or `slope` a first guess
     target_bytes: int | None = None  #: of the payload; None = not asked for
     target_psnr: float | None = None  #: dB, mean of the frames; None = not asked for
+    slope: Slope | None = None  #: what a bit has to save; None = not asked for
     grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
     exact: bool = True  #: whether the bytes have to be met; else later GOPs make up for it
 

@@ -126,6 +126,8 @@ class _State:
             exact = len(rest) == 1
             count = len(self.reference.gop) if self.reference else planned.gaussians
             return replace(planned, gaussians=count, target_bytes=max(1, int(share)), exact=exact)
+        if planned.slope is not None and self.reference is not None:
+            return replace(planned, gaussians=len(self.reference.gop))
         if planned.target_psnr is not None and self.reference is not None:
             now = len(self.reference.gop)
             aim = sum(RATE_CONTROL.spare) / 2

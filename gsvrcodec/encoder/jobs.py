@@ -132,7 +132,16 @@ def encode_gop(job: GopJob) -> EncodedGop:
     def fit(gaussians: int, share: float = 1.0) -> Fit:
         """Fit so many Gaussians of a key GOP with a share of the job's effort."""
         effort = allowance(gaussians, share)
-        return fit_gop(footage, gaussians, job.grid, options, effort, backend, seed=job.seed)
+        return fit_gop(
+            footage,
+            gaussians,
+            job.grid,
+            options,
+            effort,
+            backend,
+            seed=job.seed,
+            slope=budget.slope,
+        )
 
     def fit_from(reference: Reference) -> Fit | None:
         """Predict from the reference; None if that does not pay."""
@@ -196,7 +205,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
     if options.profile == "paper":
         stored = as_published(fitted, backend)
     else:
-        candidate = quantisable(fitted, options, backend, size, seed=job.seed)
+        candidate = quantisable(fitted, options, backend, size, seed=job.seed, slope=budget.slope)
         predicted_from = reference if fitted.anchor is not None else None
         if budget.target_bytes is not None and budget.exact:
             stored = quantise_to_size(candidate, budget.target_bytes)
@@ -207,6 +216,8 @@ def encode_gop(job: GopJob) -> EncodedGop:
             else:
                 qscale, reach = predicted_from.qscale, RATE_CONTROL.reach
             stored = quantise_near_size(candidate, budget.target_bytes, qscale, reach)
+        elif budget.slope is not None:
+            stored = candidate.quantised(budget.slope.qscale)
         elif budget.target_psnr is not None:
             stored = quantise_to_psnr(candidate, budget.target_psnr)
         elif predicted_from is not None:

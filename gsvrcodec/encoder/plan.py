@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from statistics import fmean
 
 import numpy as np
@@ -18,11 +19,20 @@ from gsvrcodec.encoder.budget import (
     most_gaussians,
     triplane_grid,
 )
-from gsvrcodec.encoder.rate import bit_weights, bpp_for, expected_psnr, need, wanted_bytes
+from gsvrcodec.encoder.rate import (
+    bit_weights,
+    bpp_at,
+    bpp_for,
+    expected_psnr,
+    need,
+    qscale_of,
+    wanted_bytes,
+)
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, GridSize
 
 
@@ -55,9 +65,12 @@ def plan(
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]
     psnr = expected_psnr(stats, size, settings, seconds=seconds)
     stats_of = [stats[chain[0].start : chain[-1].stop] for chain in chains]
+    area = size[0] * size[1]
+    qscale = None if settings.crf is None else qscale_of(settings.crf)
     if settings.target_psnr is not None:
-        area = size[0] * size[1]
         bits = [len(own) * area * bpp_for(own, settings.target_psnr) for own in stats_of]
+    elif qscale is not None:
+        bits = [len(own) * area * bpp_at(own, qscale) for own in stats_of]
     else:
         option, total = wanted_bytes(settings, size, chains[-1][-1].stop, seconds, streams)
         sizes = _shares(stats_of, list(map(len, chains)), total - overhead, option)
@@ -68,13 +81,19 @@ def plan(
         least = min(8.0 * RATE.least_gop_bytes, whole / len(chain))
         spare = whole - least * len(chain)
         shares = [least + spare * weight / sum(weights) for weight in weights]
-        most = min(most_gaussians(size), _most_gaussians(chain, weights, settings))
-        gaussians = max(1, round(min(shares[0] / _gaussian_bits(chain), most)))
+        most = round(min(most_gaussians(size), _most_gaussians(chain, weights, settings)))
+        gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), most))
+        frames = sum(map(len, chain))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
             own = stats[gop.start : gop.stop]
-            share = int(bits_of_gop / 8) if settings.target_psnr is None else None
             grid = _grid(own, gaussians, size, settings, predicted=number > 0)
-            budgets.append(Budget(gaussians, share, settings.target_psnr, grid))
+            budget = Budget(gaussians, target_psnr=settings.target_psnr, grid=grid)
+            if qscale is not None:
+                lasting = 1.0 if number else frames / len(gop) / sum(weights)
+                budget = replace(budget, slope=Slope(qscale, most, max(1.0, lasting)))
+            elif settings.target_psnr is None:
+                budget = replace(budget, target_bytes=int(bits_of_gop / 8))
+            budgets.append(budget)
     return budgets
 
 

@@ -9,7 +9,9 @@ from statistics import fmean
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
-from gsvrcodec.encoder.tuned import CHAIN, RATE
+from gsvrcodec.encoder.tuned import CHAIN, CRF, RATE
+from gsvrcodec.fit.precision import bit_worth
+from gsvrcodec.fit.tuned import RATE_CONTROL
 
 
 def wanted_bytes(
@@ -23,6 +25,12 @@ def wanted_bytes(
     return f"`target_size={settings.target_size}`", (settings.target_size or 0) - streams
 
 
+def qscale_of(crf: float) -> float:
+    """The qscale of all GOPs for a number on the scale of constant quality."""
+    qscale = CRF.qscale * 2 ** ((crf - CRF.at) / CRF.octave)
+    return min(max(qscale, RATE_CONTROL.finest), RATE_CONTROL.coarsest)
+
+
 def expected_bpp(
     stats: Sequence[FrameStats], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
 ) -> float:
@@ -31,6 +39,8 @@ def expected_bpp(
         return math.inf
     if settings.target_psnr is not None:
         return bpp_for(stats, settings.target_psnr)
+    if settings.crf is not None:
+        return bpp_at(stats, qscale_of(settings.crf))
     _, total = wanted_bytes(settings, size, len(stats), seconds, 0)
     return 8 * total / (len(stats) * size[0] * size[1])
 
@@ -51,6 +61,12 @@ def bpp_for(stats: Sequence[FrameStats], psnr: float) -> float:
     """Bits a pixel that frames may need for a quality, dB."""
     error = 255.0**2 / 10 ** (psnr / 10)
     return float((RATE.error * _complexity(stats) / error) ** (1 / RATE.fall))
+
+
+def bpp_at(stats: Sequence[FrameStats], qscale: float) -> float:
+    """Bits a pixel at which one more saves as much error as at a qscale."""
+    slope = RATE.fall * RATE.error * _complexity(stats) / bit_worth(qscale)
+    return float(slope ** (1 / (1 + RATE.fall)))
 
 
 def need(stats: Sequence[FrameStats]) -> float:

@@ -18,7 +18,8 @@ class EncodeSettings:
     """What an encode is asked for: the keyword arguments of `gsvrcodec.encode`."""
 
     params: int | None = None  #: about how many stored numbers in the whole file; None = by size
-    gaussians: int | None = None  #: Gaussians in each GOP; of these six at most one is given
+    gaussians: int | None = None  #: Gaussians in each GOP; of these seven at most one is given
+    crf: float | None = None  #: constant quality, 0 to 51; 6 more are half the bits or less
     bpp: float | None = None  #: bits a pixel and frame, copied streams left out
     bitrate: int | None = None  #: bits a second, copied streams left out
     target_size: int | None = None  #: bytes of the whole file
@@ -85,6 +86,8 @@ class EncodeSettings:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise UsageError(f"`{name}` must be above 0 {unit}, not {value}")
+        if self.crf is not None and not 0 <= self.crf <= _HIGHEST_CRF:
+            raise UsageError(f"`crf` must be 0 to {_HIGHEST_CRF}, not {self.crf}")
         if not 0 <= self.keyint < float("inf"):
             raise UsageError(f"`keyint` must be 0 or more seconds, not {self.keyint}")
         if self.gop != "adaptive" and not isinstance(self.gop, int):
@@ -122,8 +125,9 @@ class EncodeSettings:
         return kept
 
 
+_HIGHEST_CRF = 51  #: of x264
 _DEFAULT_PRESET: Preset = "medium"
-_TARGETS = ("bpp", "bitrate", "target_size", "target_psnr")
+_TARGETS = ("crf", "bpp", "bitrate", "target_size", "target_psnr")
 #: What says how large the file is to be.
 _SIZES = ("params", "gaussians", *_TARGETS)
 _POSITIVE = {

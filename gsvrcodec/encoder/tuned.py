@@ -63,6 +63,15 @@ class _Rate:
 
 
 @dataclass(frozen=True, slots=True)
+class _Crf:
+    """The scale of constant quality."""
+
+    at: float = 26.0  #: number of a file
+    qscale: float = 1.0  #: that has this qscale
+    octave: float = 4.75  #: numbers between a qscale and its double
+
+
+@dataclass(frozen=True, slots=True)
 class _TriPlane:
     """Size of the tri-plane. Bunny, cup, portrait and flower at 0.015 to 0.02 bpp."""
 
@@ -143,6 +152,7 @@ class _Processes:
 ANALYSIS = _Analysis()
 GOP_LENGTH = _GopLength()
 RATE = _Rate()
+CRF = _Crf()
 TRIPLANE = _TriPlane()
 CHAIN = _Chain()
 PROCESSES = _Processes()

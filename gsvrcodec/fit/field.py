@@ -131,6 +131,16 @@ class Field:
             self.anchor.rearrange(order)
             self._anchored = self._anchor_tensors()
 
+    def take(self, chosen: NDArray[np.intp]) -> None:
+        """Keep the chosen Gaussians alone, in their order; some of them more than once."""
+        for name in self.raw.keys() - set(GRIDS):
+            self.raw[name] = self.raw[name][chosen]
+        for name in self._fixed.keys() - set(GRIDS):
+            self._fixed[name] = self._fixed[name][chosen]
+        if self.anchor is not None:
+            self.anchor.rearrange(chosen)
+            self._anchored = self._anchor_tensors()
+
     def freeze(self, chosen: NDArray[np.bool_]) -> None:
         """From now on `hold` keeps the look of these Gaussians, (N,)."""
         self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)

@@ -21,6 +21,7 @@ from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.fit.recipe import MAIN, PAPER
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.start import content_aware, random_start
 from gsvrcodec.fit.tuned import EFFORT, STAGED
 from gsvrcodec.metrics import psnr
@@ -86,6 +87,7 @@ def fit_gop(
     backend: Backend,
     *,
     seed: tuple[int, ...],
+    slope: Slope | None = None,
 ) -> Fit:
     """Fit Gaussians to frames.
 
@@ -93,12 +95,13 @@ def fit_gop(
 
     Args:
         footage: frames to show, and the background behind the Gaussians.
-        gaussians: N.
+        gaussians: N; with a slope a first guess.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         options: profile, deformation field, flow.
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
+        slope: that the number of Gaussians follows; None = their number stays.
     """
     began = time.perf_counter()
     paper = options.profile == "paper"
@@ -119,6 +122,7 @@ def fit_gop(
             PAPER if paper else MAIN,
             effort,
             rng,
+            slope=slope,
             quantise=fake_quantiser(PAPER_BITS) if paper and options.tune else None,
             quantise_from=EFFORT.qat_from,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from statistics import fmean
 
 import cv2
 import numpy as np
@@ -17,6 +18,9 @@ from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
+from gsvrcodec.fit.slope import Slope
+from gsvrcodec.fit.tuned import RELOCATION
+from gsvrcodec.metrics import squared_error
 from gsvrcodec.render.backend import Backend, Samples
 
 #: Attributes whose first two components are lengths along x and y.
@@ -92,10 +96,10 @@ class Adam:
         """Put the moments of all Gaussians into a new order; those that moved start anew."""
         self._axes = None
         for name in self._raw.keys() - {"xy", "xt", "yt"}:
-            for moments in (self._mean[name], self._square[name]):
-                moments.copy_(moments[order])
+            for moments in (self._mean, self._square):
+                moments[name] = moments[name][order]
                 if moved is not None:
-                    moments[moved] = 0.0
+                    moments[name][moved] = 0.0
 
 
 #: Steps after which their pace is known.
@@ -146,6 +150,7 @@ def optimise(
     rng: np.random.Generator,
     *,
     price: Price | None = None,
+    slope: Slope | None = None,
     quantise: Callable[[Tensors], Tensors] | None = None,
     quantise_from: float = 1.0,
 ) -> None:
@@ -157,6 +162,7 @@ def optimise(
         recipe: rates and schedule.
         effort: when to stop.
         rng: order of the frames, places of relocated Gaussians.
+        slope: that the number of Gaussians follows; None = their number stays.
         price: of changes, from the end of the coarse stage on; None = they are free.
         quantise: fake quantisation of the decoder's parameters.
         quantise_from: fraction of the effort after which `quantise` is applied.
@@ -173,7 +179,10 @@ def optimise(
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
-            adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving))
+            more = 0
+            if slope is not None and spent >= recipe.counted:
+                more = _missing(field, footage, slope)
+            adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving, more))
             if price is not None:
                 price.forget()
         index = next(order)
@@ -192,6 +201,25 @@ def optimise(
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
         adam.step(gradients, recipe.decay(spent) * patience * warm_up, tensors)
         effort.advance()
+
+
+def _missing(field: Field, footage: Footage, slope: Slope) -> int:
+    """Gaussians that are missing at a slope, or too many if below 0; half of them at most."""
+    now = len(field.raw["position"])
+    wanted = slope.gaussians(footage.pixels, _squared_error(field, footage))
+    return min(max(wanted, now // 2), 2 * now) - now
+
+
+def _squared_error(field: Field, footage: Footage) -> float:
+    """Mean squared error over some frames, 8-bit codes."""
+    frames, backend = footage.frames, field.backend
+    shown = np.unique(np.linspace(0, len(frames) - 1, RELOCATION.frames).round().astype(np.intp))
+    prepared = backend.prepare(field.drawn())
+    pictures = backend.render(prepared, footage.taus[shown], footage.size, footage.size)
+    return fmean(
+        squared_error(picture, frames[index])
+        for picture, index in zip(pictures, shown, strict=True)
+    )
 
 
 def targets_of(

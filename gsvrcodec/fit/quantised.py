@@ -12,10 +12,12 @@ from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
 from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.fit.sensitivity import sensitivities
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.staged import quantise_in_stages
-from gsvrcodec.fit.static import with_static, with_unchanged
+from gsvrcodec.fit.static import still, with_static, with_unchanged
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, dequantised
+from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
 
 #: Bytes of a GOP at a precision: (gop, precision, exact) -> size; not exact = quick.
@@ -42,6 +44,10 @@ class QuantisedFit:
     backend: Backend
     measure: Measure
     seed: tuple[int, ...]
+    #: sensitivities if nothing moved, because Gaussians that leave the frame have none where they
+    #: are; None = not asked for
+    at_rest: Gop | None = None
+    slope: Slope | None = None  #: what Gaussians have to be worth; None = all are stored
 
     @property
     def psnr(self) -> float:
@@ -86,9 +92,14 @@ class QuantisedFit:
         return Quantised(gop, precision, self._psnr(gop, precision), qscale)
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
-        gop = with_static(self.fit.gop, self.sensitivities, qscale)
+        states = [own for own in (self.sensitivities, self.at_rest) if own is not None]
+        gop = with_static(self.fit.gop, states, qscale)
         if self.fit.anchor is None:
-            return gop, refined_steps(gop, self.sensitivities, qscale)
+            costs = self.sensitivities
+            if self.slope is not None:
+                chosen = self.slope.worthwhile(gop, costs)
+                gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
+            return gop, refined_steps(gop, costs, qscale)
         steps = equal_slope_steps(self.sensitivities, qscale)
         carried = self.fit.anchor.carried
         return with_unchanged(gop, carried, self.sensitivities, steps, qscale), steps
@@ -105,11 +116,19 @@ def quantisable(
     measure: Measure,
     *,
     seed: tuple[int, ...],
+    slope: Slope | None = None,
 ) -> QuantisedFit:
-    """Measure the sensitivities of a fit, so that it can be stored at any qscale."""
+    """Measure the sensitivities of a fit, so that it can be stored at any qscale.
+
+    With a slope, Gaussians of a key GOP that are not worth their bits are left out.
+    """
     rng = np.random.default_rng(seed)
     found = sensitivities(fit.footage, fit.drawn(fit.gop), rng, backend, fit.anchor)
-    return QuantisedFit(fit, found, options, backend, measure, seed)
+    at_rest = None
+    if fit.anchor is not None:
+        state = fit.drawn(still(fit.gop))
+        at_rest = sensitivities(fit.footage, state, rng, backend, fit.anchor, frames=2)
+    return QuantisedFit(fit, found, options, backend, measure, seed, at_rest, slope)
 
 
 def as_published(fit: Fit, backend: Backend) -> Quantised:

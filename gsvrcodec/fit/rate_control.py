@@ -105,23 +105,39 @@ def _finest(candidate: Candidate[R]) -> float:
 def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:
     """Quantise so that the decoded frames come to about `target_psnr`, dB, after tuning.
 
-    Of all trials the nearest is returned.
+    Of all trials the nearest is returned. Once one is above and another below, the next lies
+    between them.
     """
     left = RATE_CONTROL.loss_left if candidate.is_tuned else 1.0
     trials = RATE_CONTROL.tunings if candidate.is_tuned else 1
     qscale = candidate.usual_qscale
     misses: list[float] = []
+    qscales: list[float] = []
     for _ in range(trials):
         loss = max(0.0, candidate.psnr - target_psnr) / left
-        qscale = find_qscale(candidate.quality, Target.of_psnr(candidate.psnr - loss), qscale)
+        wanted = Target.of_psnr(candidate.psnr - loss)
+        qscale = _between(misses, qscales) or find_qscale(candidate.quality, wanted, qscale)
         result = candidate.quantised(qscale, trials=trials)
-        misses.append(abs(result.psnr - target_psnr))
-        if misses[-1] == min(misses):
+        misses.append(result.psnr - target_psnr)
+        qscales.append(qscale)
+        if abs(misses[-1]) == min(map(abs, misses)):
             nearest = result
-        if misses[-1] < RATE_CONTROL.near or not loss:
+        if abs(misses[-1]) < RATE_CONTROL.near or not loss:
             break
         left = min(max(0.2, (candidate.psnr - result.psnr) / loss), 1.0)
     return nearest
+
+
+def _between(misses: list[float], qscales: list[float]) -> float | None:
+    """Return a qscale between the nearest trials above and below; None = not both are there."""
+    tried = list(zip(misses, qscales, strict=True))
+    below = max((one for one in tried if one[0] < 0), default=None)
+    above = min((one for one in tried if one[0] > 0), default=None)
+    if below is None or above is None:
+        return None
+    share = below[0] / (below[0] - above[0])
+    between: float = below[1] * (above[1] / below[1]) ** share
+    return between
 
 
 def fit_to_psnr(

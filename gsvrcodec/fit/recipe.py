@@ -24,6 +24,7 @@ class Recipe:
     coarse: float  #: fraction of the effort spent at half resolution
     relocations: tuple[float, ...]  #: fractions of the effort at which weak Gaussians move
     moving: float = 0.1  #: fraction of the Gaussians that moves each time
+    counted: float = 0.25  #: fraction of the effort before which their number stays as it is
     coarse_min_side: int = 128  #: smaller frames are fitted at full resolution only, px
 
 

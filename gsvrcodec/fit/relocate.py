@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.seen import seen
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.tuned import RELOCATION
-from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.order import drawing_order
 
 
@@ -23,6 +24,7 @@ def relocate(
     coded_size: tuple[int, int],
     rng: np.random.Generator,
     share: float,
+    more: int = 0,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
 
@@ -36,14 +38,21 @@ def relocate(
         coded_size: width and height of the coded frame, pixels.
         rng: source of the new places.
         share: fraction of the Gaussians that moves.
+        more: Gaussians that are added; below 0 = the weakest leave.
 
     Returns:
-        (N,) the index that each Gaussian had before, and (N,) whether it has moved.
+        (N,) the index that each Gaussian had before, and (N,) whether it is new there.
     """
-    count = int(share * len(field.raw["position"]))
-    weakest = move_weakest(field, frames, taus, coded_size, rng, count)
+    added, leaving = max(0, more), max(0, -more)
+    count = int(share * len(field.raw["position"])) + added
+    taken = np.sort(_weakest_first(field.gop(), taus, coded_size)[leaving:])
+    # Copies that show nothing are the weakest, so that they move.
+    taken = np.concatenate([np.zeros(added, np.intp), taken])
+    field.take(taken)
+    field.raw["colour"][:added] = 0
+    moved = move_weakest(field, frames, taus, coded_size, rng, count)
     order = reorder(field, coded_size)
-    return order, np.isin(order, weakest)
+    return taken[order], np.isin(order, moved)
 
 
 def move_weakest(
@@ -57,9 +66,8 @@ def move_weakest(
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
-    area = np.exp(gop.log_scale.sum(axis=1))
-    weakest = np.argsort(area * np.abs(gop.colour).max(axis=1), kind="stable")[:count]
-    shown = np.unique(np.linspace(0, len(frames) - 1, RELOCATION.frames).round().astype(np.intp))
+    weakest = _weakest_first(gop, taus, coded_size)[:count]
+    shown = _some(len(frames))
     backend = field.backend
     pictures = backend.render(backend.prepare(field.drawn()), taus[shown], size, coded_size)
     errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
@@ -87,6 +95,17 @@ def move_weakest(
         log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
     )
     return weakest
+
+
+def _weakest_first(gop: Gop, taus: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
+    """Numbers of the Gaussians: first those outside of the frame, then those that draw little."""
+    drawn = np.exp(gop.log_scale.sum(axis=1)) * np.abs(gop.colour).max(axis=1)
+    return np.argsort(drawn * seen(gop, taus[_some(len(taus))], size), kind="stable")
+
+
+def _some(frames: int) -> NDArray[np.intp]:
+    """Numbers of the frames that are looked at."""
+    return np.unique(np.linspace(0, frames - 1, RELOCATION.frames).round().astype(np.intp))
 
 
 def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:

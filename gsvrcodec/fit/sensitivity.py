@@ -23,6 +23,8 @@ def sensitivities(
     rng: np.random.Generator,
     backend: Backend,
     anchor: Anchor | None = None,
+    *,
+    frames: int = STEPS.frames,
 ) -> Gop:
     """Squared error of a change of each parameter by one, over all pixels and frames.
 
@@ -34,6 +36,7 @@ def sensitivities(
         gop: The state to look at.
         rng: Source of the noise.
         backend: Gives gradients.
+        frames: Most frames that are looked at.
         anchor: What the stored values are relative to; the position follows from the motion.
 
     Returns:
@@ -41,7 +44,7 @@ def sensitivities(
     """
     (width, height), taus = footage.size, footage.taus
     total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
-    chosen = np.unique(np.linspace(0, len(taus) - 1, STEPS.frames).round().astype(np.intp))
+    chosen = np.unique(np.linspace(0, len(taus) - 1, frames).round().astype(np.intp))
     scale = np.float32(_CODES * len(taus) / len(chosen))
     for tau in taus[chosen]:
         random = noise((height, width, 3), rng)

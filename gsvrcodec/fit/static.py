@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,17 @@ from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Steps
 
 
-def with_static(gop: Gop, sensitivities: Gop, qscale: float) -> Gop:
+def still(gop: Gop) -> Gop:
+    """Return the Gaussians without their motion: no polynomial, and no tri-plane."""
+    return replace(
+        gop,
+        indicator=np.ones_like(gop.indicator),
+        linear=np.zeros_like(gop.linear),
+        quadratic=np.zeros_like(gop.quadratic),
+    )
+
+
+def with_static(gop: Gop, sensitivities: Sequence[Gop], qscale: float) -> Gop:
     """Make the Gaussians static whose motion is worth less than the bits of that motion.
 
     A static Gaussian has no polynomial motion and the indicator 1, which switches the tri-plane
@@ -22,20 +33,23 @@ def with_static(gop: Gop, sensitivities: Gop, qscale: float) -> Gop:
 
     Args:
         gop: The GOP to be stored.
-        sensitivities: Squared error of a change of each parameter by one; see `sensitivities`.
+        sensitivities: Squared error of a change of each parameter by one, in several states of the
+            GOP of which the worst counts; see `sensitivities`.
         qscale: Factor of the steps that the GOP will be stored with.
     """
-    loss = (
-        (sensitivities.linear * np.square(gop.linear)).sum(axis=1)
-        + (sensitivities.quadratic * np.square(gop.quadratic)).sum(axis=1)
-        + sensitivities.indicator * np.square(1 - gop.indicator)
-    )
-    moves = loss >= STEPS.static_worth * qscale**2
+    losses = [
+        (own.linear * np.square(gop.linear)).sum(axis=1)
+        + (own.quadratic * np.square(gop.quadratic)).sum(axis=1)
+        + own.indicator * np.square(1 - gop.indicator)
+        for own in sensitivities
+    ]
+    moves = np.max(losses, axis=0) >= STEPS.static_worth * qscale**2
+    static = still(gop)
     return replace(
         gop,
-        indicator=np.where(moves, gop.indicator, np.float32(1)),
-        linear=gop.linear * moves[:, None],
-        quadratic=gop.quadratic * moves[:, None],
+        indicator=np.where(moves, gop.indicator, static.indicator),
+        linear=np.where(moves[:, None], gop.linear, static.linear),
+        quadratic=np.where(moves[:, None], gop.quadratic, static.quadratic),
     )
 
 

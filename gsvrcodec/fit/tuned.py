@@ -146,6 +146,18 @@ class _Steps:
 
 
 @dataclass(frozen=True, slots=True)
+class _Slope:
+    """How many Gaussians a slope is worth. Five clips at CRF 31 and 34, 1 s a frame."""
+
+    #: power by which the squared error falls with the number of Gaussians
+    fall: float = 0.7
+    gaussian_bits: float = 64.0  #: that one of them takes
+    #: bits that a Gaussian has to be worth to be stored; it takes more, but others make up
+    #: for a part of it
+    weak_bits: float = 48.0
+
+
+@dataclass(frozen=True, slots=True)
 class _Staged:
     """Staged quantisation.
 
@@ -172,7 +184,7 @@ class _RateControl:
     spare: tuple[float, float] = (-0.2, 0.8)
     refits: int = 4
     loss_left: float = 0.5  #: fraction of the quantisation loss left after tuning, at first
-    tunings: int = 3  #: most trials of the qscale with tuning
+    tunings: int = 4  #: most trials of the qscale with tuning
     near: float = 0.04  #: dB by which a quality may be missed
     size_room: float = 0.003  #: fraction of a size kept free for what tuning may add
     size_power: float = 0.6  #: a size falls by the qscale to the power of minus this
@@ -198,5 +210,6 @@ TRACKS = _Tracks()
 RELOCATION = _Relocation()
 PREDICTION = _Prediction()
 STEPS = _Steps()
+SLOPE = _Slope()
 STAGED = _Staged()
 RATE_CONTROL = _RateControl()

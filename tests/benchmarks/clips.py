@@ -1,7 +1,7 @@
 """The tables of Bunny for any clips: `python -m tests.benchmarks.clips CLIP... [--table NAME]`.
 
 Prints a line as soon as it is known; `--json` keeps all, without the directories of the clips. The
-table "equal-bits" takes the first 96 frames at the bits of x264 with a key frame every 12.
+table "equal-bits" takes the first 96 frames at constant qualities, and compares at equal bits.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def main(
         for table in tables or (*TABLES, EQUAL_BITS):
             for clip in clips:
                 files = []
-                for number, settings in enumerate(_table(table, clip, frames)):
+                for number, settings in enumerate(_table(table, clip)):
                     path = folder / f"{table}-{clip.stem}-{number}.gsvr"
                     count = frames or (equal_bits.FRAMES if table == EQUAL_BITS else None)
                     common, chosen = _settings(clip, count, settings, preset)
@@ -120,10 +120,10 @@ def setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def _table(table: str, clip: Path, frames: int | None) -> list[dict[str, Any]]:
+def _table(table: str, clip: Path) -> list[dict[str, Any]]:
     """Return the settings of each row."""
     if table == EQUAL_BITS:
-        return equal_bits.settings(clip, _crop(clip), frames or equal_bits.FRAMES)
+        return equal_bits.settings(clip, _crop(clip))
     return TABLES[table]
 
 
@@ -138,7 +138,7 @@ def _settings(
     common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
     if (crop := _crop(clip)) is not None:
         common["crop"] = crop
-    if "bpp" not in settings:
+    if not {"bpp", "crf"} & settings.keys():
         common["params"] = _params(clip, frames)
     if preset is not None:
         settings = {k: v for k, v in settings.items() if k != "time_budget"} | {"preset": preset}

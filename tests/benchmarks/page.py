@@ -28,7 +28,7 @@ PAGE = Path(__file__).parents[2] / "samples" / "results"
 #: PSNR at which rates are compared, dB.
 LEVELS = (33.0, 35.65, 38.29)
 
-#: How the curves of clips that were encoded at the bits of x264 are named, after the clip.
+#: How the curves of clips that are compared at equal bits are named, after the clip.
 _EQUAL_BITS = f", {EQUAL_BITS}"
 
 #: Tables of rows that differ in one setting, and what they show.
@@ -223,7 +223,7 @@ def interpolation_section(results: dict[str, Json]) -> Iterator[str]:
 
 
 def bd_section(results: dict[str, Json]) -> Iterator[str]:
-    """Yield the BD-rates of the clips that were encoded at the bits of x264, and their means."""
+    """Yield the BD-rates of the clips that are compared at equal bits, and their means."""
     curves = {
         (key.removesuffix(_EQUAL_BITS), curve["label"]): curve
         for result in results.values()

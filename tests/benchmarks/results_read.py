@@ -35,7 +35,7 @@ def our_curves(results: dict[str, Json]) -> dict[str, list[tuple[float, float]]]
     curves = {}
     for seconds in (4.0, 2.0):
         points = [r for r in rows if r["settings"].get("time_budget") == seconds]
-        if any("bpp" in row["settings"] for row in points):
+        if any({"bpp", "crf"} & row["settings"].keys() for row in points):
             label = f"GSVR, {seconds:.0f} s a frame"
             curves[label] = sorted((row["bpp"], row["psnr"]) for row in points)
     return curves

@@ -13,6 +13,7 @@ from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.chain import ChainFrames, chain_jobs, shared_efforts
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.fit.slope import Slope
 from tests.gops import assert_gops_equal, decode_all, make_chain, make_file, make_payload
 
 LENGTHS = (3, 2, 1, 4)
@@ -166,6 +167,13 @@ class TestQuality:
     def test_the_quality_stays(self) -> None:
         jobs = jobs_of([Budget(80, target_psnr=30.0)] * 3)
         assert {job.budget.target_psnr for job in jobs} == {30.0}
+
+
+def test_a_slope_and_its_gaussians_stay() -> None:
+    jobs = jobs_of([Budget(80, slope=Slope(2.0, 500))] * 3)
+    counts = [len(whole.gop) for whole in decode_all(make_file(PAYLOADS))]
+    assert [job.budget.gaussians for job in jobs] == [80, *counts[:2]]
+    assert {job.budget.slope for job in jobs} == {Slope(2.0, 500)}
 
 
 class TestTime:

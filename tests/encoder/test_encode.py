@@ -12,6 +12,7 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec.encoder.encode import EncodeResult, Progress
+from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.errors import InputError, NotAVideoError, OutputError, UsageError
 from gsvrcodec.report.compare import report
 from gsvrcodec.report.inspect import inspect
@@ -86,6 +87,17 @@ class TestSettings:
         result = quick(making.NOISE, tmp_path / "b.gsvr", **settings)
         assert [gop.gaussians for gop in result.gop_stats] == [30, 30, 30]
         assert result.gaussians == 90
+
+    def test_constant_quality_is_one_slope(self, tmp_path: Path) -> None:
+        fine, coarse = (
+            quick(making.ODD, tmp_path / f"{crf}.gsvr", crf=crf, gop=6, frames=24)
+            for crf in (26, 36)
+        )
+        for result, crf in (fine, 26), (coarse, 36):
+            assert {gop.qscale for gop in result.gop_stats} == {qscale_of(crf)}
+            assert sum(not gop.key for gop in result.gop_stats)
+        assert fine.bytes > 1.5 * coarse.bytes
+        assert fine.psnr > coarse.psnr + 0.5
 
     def test_crop_and_range(self, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"

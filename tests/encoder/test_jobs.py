@@ -13,11 +13,13 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference, encode_gop
 from gsvrcodec.encoder.settings import Pack
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.slope import Slope
 from tests import making
 from tests.fit.synthetic import (
     assert_finite,
@@ -97,6 +99,12 @@ class TestTargets:
         job = gop_job(frames, Budget(guess, target_psnr=wanted))
         done = encode_gop(job)
         assert done.psnr == pytest.approx(wanted, abs=0.1)
+
+    def test_slope(self) -> None:
+        frames = sample(making.BUNNY_SMALL, (160, 96), 6)
+        done = encode_gop(gop_job(frames, Budget(400, slope=Slope(2.0, 400))))
+        assert done.qscale == 2.0
+        assert 1 < parse_gop_head(done.payload).gaussians < 400
 
     def test_more_bytes_are_better(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 4)

@@ -9,6 +9,7 @@ import pytest
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
 from gsvrcodec.encoder.plan import plan
+from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.errors import UsageError
 from tests.encoder.test_budget import chains_of
@@ -76,6 +77,16 @@ class TestChains:
     def test_there_is_a_most(self) -> None:
         budgets = self.plan([16, 16], bpp=20.0)
         assert {budget.gaussians for budget in budgets} == {most_gaussians(self.SIZE)}
+
+    def test_a_slope_is_that_of_every_gop(self) -> None:
+        budgets = self.plan([16, 16], [16], crf=26)
+        slopes = [budget.slope for budget in budgets]
+        assert {slope and slope.qscale for slope in slopes} == {qscale_of(26)}
+        assert slopes[0] is not None
+        assert slopes[0].lasting > 1.3  # another GOP builds on it
+        assert [slope and slope.lasting for slope in slopes[1:]] == [1.0, 1.0]
+        assert {(b.target_bytes, b.target_psnr) for b in budgets} == {(None, None)}
+        assert self.plan([16], crf=20)[0].gaussians > 1.5 * self.plan([16], crf=26)[0].gaussians
 
     def test_a_quality_is_that_of_every_gop(self) -> None:
         budgets = self.plan([16, 16], target_psnr=35)

@@ -7,9 +7,18 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.rate import bit_weights, bpp_for, expected_bpp, expected_psnr
+from gsvrcodec.encoder.rate import (
+    bit_weights,
+    bpp_at,
+    bpp_for,
+    expected_bpp,
+    expected_psnr,
+    qscale_of,
+)
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, RATE
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, CRF, RATE
+from gsvrcodec.fit.precision import bit_worth
+from gsvrcodec.fit.tuned import RATE_CONTROL
 from tests.encoder.test_budget import chains_of
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
@@ -65,6 +74,11 @@ class TestExpected:
         assert psnr == 35
         assert self.expected(bpp=bpp) == pytest.approx((bpp, psnr))
 
+    def test_by_slope(self) -> None:
+        bpp, psnr = self.expected(crf=28)
+        assert self.expected(bpp=bpp) == pytest.approx((bpp, psnr))
+        assert self.expected(crf=34)[0] < 0.7 * bpp
+
     def test_neither_is_asked_for(self) -> None:
         for settings in ({}, {"gaussians": 9}, {"params": 10**6}):
             assert self.expected(**settings) == (float("inf"), RATE.usual_psnr)
@@ -73,3 +87,25 @@ class TestExpected:
 
     def test_a_size_that_only_copied_streams_fill(self) -> None:
         assert self.expected(target_size=1)[1] < 10
+
+
+class TestSlope:
+    def test_the_scale_of_constant_quality(self) -> None:
+        assert qscale_of(CRF.at) == CRF.qscale
+        assert qscale_of(CRF.at + CRF.octave) == pytest.approx(2 * CRF.qscale)
+        assert qscale_of(0) >= RATE_CONTROL.finest
+        assert qscale_of(51) <= RATE_CONTROL.coarsest
+
+    @pytest.mark.parametrize("qscale", [0.5, 2.0])
+    def test_a_bit_more_saves_what_it_is_worth(self, qscale: float) -> None:
+        bpp = bpp_at(STATS, qscale)
+        errors = []
+        for bits in (0.999 * bpp, 1.001 * bpp):
+            psnr = expected_psnr(STATS, SIZE, EncodeSettings(bpp=bits), seconds=3.0)
+            errors.append(255.0**2 / 10 ** (psnr / 10))
+        slope = (errors[0] - errors[1]) / (0.002 * bpp)
+        assert slope == pytest.approx(bit_worth(qscale), rel=1e-3)
+
+    def test_more_bits_for_what_is_complex(self) -> None:
+        wild = [FrameStats(0.1, False, 50.0, 300.0)] * 60
+        assert bpp_at(wild, 1.0) > 1.3 * bpp_at(STATS, 1.0)

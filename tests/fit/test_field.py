@@ -81,6 +81,17 @@ class TestExport:
         picture = BACKEND.picture(BACKEND.prepare(bare), 0.0, SIZE, SIZE)
         np.testing.assert_array_equal(field.backdrop(SIZE, SIZE), picture)
 
+    def test_chosen_ones_are_taken(self, start: Gop) -> None:
+        field = Field(start, "hybrid", BACKEND)
+        before = field.gop()
+        chosen = np.array([3, 3, 0, 39])
+        field.take(chosen)
+        after = field.gop()
+        assert len(after) == 4
+        for name in set(Gop.__slots__) - {"xy", "xt", "yt"}:
+            np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[chosen])
+        np.testing.assert_array_equal(after.xt, before.xt)
+
 
 class TestGradients:
     @pytest.mark.parametrize("mode", MODES)

@@ -11,6 +11,7 @@ import torch
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_torch_thread
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.options import FitOptions
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.tuned import EFFORT, STAGED
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.static import append_gaussians
@@ -54,6 +55,18 @@ class TestFit:
         for name in Gop.__slots__:
             np.testing.assert_array_equal(getattr(one.gop, name), getattr(again.gop, name))
         assert not np.array_equal(one.gop.position, other.gop.position)
+
+    def test_their_number_follows_a_slope(self, shots: Footage) -> None:
+        options, effort = FitOptions(), Allowance(150, None)
+        counts = []
+        for slope in (Slope(2.0, 500), Slope(6.0, 500), Slope(2.0, 500, lasting=3.0), None):
+            found = fit_gop(shots, 100, GRID, options, effort, BACKEND, seed=(0, 7), slope=slope)
+            assert_finite(found.gop)
+            assert found.psnr == mean_psnr(found.gop, shots, BACKEND)
+            counts.append(len(found.gop))
+        usual, coarse, lasting, fixed = counts
+        assert 1 <= coarse < usual / 2 < usual < lasting <= 500
+        assert fixed == 100
 
     def test_what_is_kept_behind_is_not_part_of_it(self) -> None:
         film = moving_texture(3, (1, 0), SIZE)

@@ -12,6 +12,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.options import Deform, FitOptions
 from gsvrcodec.fit.predicted import Reference, change_worth, fit_predicted
+from gsvrcodec.fit.quantised import quantisable
 from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
@@ -317,3 +318,17 @@ class TestFit:
         assert fit.footage.frames is shots.frames
         for name, values in before.items():
             np.testing.assert_array_equal(getattr(key.reference.look, name), values)
+
+
+def test_what_leaves_the_frame_does_not_come_back(key: Key) -> None:
+    """Nothing changes where they are, but at rest they would be in the picture."""
+    fit = predicted(key, film(2))
+    _, anchor = parts(fit)
+    in_sight = np.abs(anchor.look.position).max(axis=1) < 0.8
+    leaving = np.flatnonzero(anchor.carried & in_sight)[:5]
+    stored = replace(fit.gop, linear=fit.gop.linear.copy(), indicator=fit.gop.indicator.copy())
+    stored.linear[leaving] = 400.0, 0.0
+    stored.indicator[leaving] = 1.0
+    gone = replace(fit, gop=stored, tuning=None)
+    found = quantisable(gone, FitOptions(), BACKEND, lambda *_: 1, seed=(0, 0))
+    assert found.quantised(4.0).gop.linear[leaving].any(axis=1).all()

@@ -67,7 +67,7 @@ class TestQuantised:
     def test_quality_is_what_a_decoder_shows(self, fit: QuantisedFit) -> None:
         stored = fit.quantised(2.0)
         assert stored.precision == refined_steps(
-            with_static(fit.fit.gop, fit.sensitivities, 2.0), fit.sensitivities, 2.0
+            with_static(fit.fit.gop, [fit.sensitivities], 2.0), fit.sensitivities, 2.0
         )
         shown = dequantised(stored.gop, stored.precision)
         assert stored.psnr == mean_psnr(shown, fit.fit.footage, BACKEND)

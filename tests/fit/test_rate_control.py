@@ -161,6 +161,20 @@ class TestQuality:
         assert stored.psnr == pytest.approx(40 - loss, abs=0.03)
         assert candidate.trials == [1]
 
+    def test_the_last_trials_lie_between(self) -> None:
+        class Uneven(MadeUp):
+            """Tuning wins more back where steps are finer."""
+
+            def quantised(self, qscale: float, *, trials: int = 1) -> Stored:
+                found.append(qscale)
+                kind = replace(self, left=0.9 if qscale > 2 else 0.3)
+                return MadeUp.quantised(kind, qscale, trials=trials)
+
+        found: list[float] = []
+        quantise_to_psnr(Uneven(), 37.0)
+        assert max(found) > 2 > min(found)
+        assert min(found[:2]) <= found[2] <= max(found[:2])
+
     def test_the_usual_loss_takes_one_trial(self) -> None:
         candidate = MadeUp(left=RATE_CONTROL.loss_left)
         quantise_to_psnr(candidate, 39.0)
@@ -171,14 +185,14 @@ class TestQuality:
             """Of each trial another fraction of the loss is left."""
 
             def quantised(self, qscale: float, *, trials: int = 1) -> Stored:
-                kind = replace(self, left=(0.55, 0.6, 0.2)[len(self.trials)])
+                kind = replace(self, left=(0.55, 0.6, 0.62, 0.2)[len(self.trials)])
                 stored = MadeUp.quantised(kind, qscale, trials=trials)
                 found.append(abs(stored.psnr - 37.0))
                 return stored
 
         found: list[float] = []
         stored = quantise_to_psnr(Fickle(), 37.0)
-        assert len(found) == 3
+        assert len(found) == RATE_CONTROL.tunings
         assert found[-1] > min(found)
         assert abs(stored.psnr - 37.0) == min(found)
 

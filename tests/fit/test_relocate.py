@@ -66,3 +66,33 @@ def test_any_number(gaussians: int) -> None:
     _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1), 0.1)
     assert moved.sum() == gaussians // 10
     assert_finite(field.gop())
+
+
+def test_more_gaussians_come_where_the_error_is() -> None:
+    frames = moving_texture(2, (0, 0), (40, 30))
+    field = started(frames, 100)
+    before = field.gop()
+    args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
+    order, new = relocate(field, *args, more=30)
+    after = field.gop()
+    assert len(after) == 130
+    assert new.sum() == 40
+    assert not after.colour[new].any()
+    assert len(set(order[~new])) == 90
+    np.testing.assert_array_equal(after.position[~new], before.position[order[~new]])
+    np.testing.assert_array_equal(after.colour[~new], before.colour[order[~new]])
+    assert_finite(after)
+
+
+def test_the_weakest_leave() -> None:
+    frames = moving_texture(2, (0, 0), (40, 30))
+    field = started(frames, 100)
+    field.raw["colour"].data[20:50] *= 1e-4
+    before = field.gop()
+    args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
+    order, new = relocate(field, *args, more=-30)
+    after = field.gop()
+    assert len(after) == 70
+    assert new.sum() == 10
+    assert sorted(order) == [*range(20), *range(50, 100)]
+    np.testing.assert_array_equal(after.position[~new], before.position[order[~new]])

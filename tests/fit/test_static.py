@@ -31,7 +31,7 @@ def _some_slow() -> Gop:
 
 def test_the_slow_become_static_and_the_others_do_not_change() -> None:
     gop = _some_slow()
-    stored = with_static(gop, _sensitivities(gop), 1.0)
+    stored = with_static(gop, [_sensitivities(gop)], 1.0)
     assert (stored.indicator[:20] == 1).all()
     assert not stored.linear[:20].any()
     assert not stored.quadratic[:20].any()
@@ -39,10 +39,19 @@ def test_the_slow_become_static_and_the_others_do_not_change() -> None:
         np.testing.assert_array_equal(getattr(stored, name)[20:40], getattr(gop, name)[20:40])
 
 
+def test_the_worst_state_counts() -> None:
+    """Gaussians outside of the frame change nothing there, but they would if they came back."""
+    gop = _some_slow()
+    nothing = Gop(**{n: np.zeros_like(getattr(gop, n)) for n in Gop.__slots__})
+    assert not with_static(gop, [nothing], 1.0).linear.any()
+    moving = with_static(gop, [nothing, _sensitivities(gop)], 1.0).linear.any(axis=1)
+    assert moving.tolist() == [False] * 20 + [True] * 20
+
+
 @pytest.mark.parametrize(("qscale", "static"), [(0.1, 0), (1.0, 20), (1e6, 40)])
 def test_more_where_steps_are_coarse(qscale: float, static: int) -> None:
     gop = _some_slow()
-    assert (~with_static(gop, _sensitivities(gop), qscale).linear.any(axis=1)).sum() == static
+    assert (~with_static(gop, [_sensitivities(gop)], qscale).linear.any(axis=1)).sum() == static
 
 
 @pytest.mark.parametrize("qscale", [0.1, 0.37, 1.0, 3.3])
@@ -50,7 +59,7 @@ def test_they_are_exactly_static_once_decoded(qscale: float) -> None:
     gop = _some_slow()
     found = _sensitivities(gop)
     gop = replace(gop, linear=gop.linear * 0.3)
-    decoded = dequantised(with_static(gop, found, 1.0), equal_slope_steps(found, qscale))
+    decoded = dequantised(with_static(gop, [found], 1.0), equal_slope_steps(found, qscale))
     assert (decoded.indicator[:20] == 1).all()
     assert not decoded.linear[:20].any()
     assert not decoded.quadratic[:20].any()

@@ -1,0 +1,51 @@
+"""Which Gaussians are worth their bits at a slope, and how many."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gsvrcodec.fit.precision import bit_worth
+from gsvrcodec.fit.slope import Slope
+from gsvrcodec.fit.tuned import SLOPE
+from gsvrcodec.model.gop import Gop
+from tests import making
+
+
+@pytest.fixture
+def gop() -> Gop:
+    return making.random_gop(np.random.default_rng(2), gaussians=5)
+
+
+class TestNumber:
+    def test_one_more_would_save_its_bits(self) -> None:
+        """At error = c * N^-fall, the saving of one more is fall * error * pixels / N."""
+        slope, pixels, error = Slope(2.0, 10**9), 10**6, 40.0
+        count = slope.gaussians(pixels, error)
+        saving = SLOPE.fall * error * pixels / count
+        assert saving == pytest.approx(SLOPE.gaussian_bits * bit_worth(2.0), rel=1e-3)
+
+    def test_more_where_others_build_on_them(self) -> None:
+        alone = Slope(2.0, 10**9).gaussians(10**6, 40.0)
+        assert Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0) == pytest.approx(3 * alone, 2)
+
+    def test_bounds(self) -> None:
+        assert Slope(0.01, 500).gaussians(10**6, 40.0) == 500
+        assert Slope(16.0, 500).gaussians(10, 0.0) == 1
+
+
+class TestWorthwhile:
+    def test_by_what_they_draw(self, gop: Gop) -> None:
+        ones = replace(gop, colour=np.ones_like(gop.colour))
+        least = SLOPE.weak_bits * bit_worth(0.5)
+        colour = np.sqrt(np.array([0.0, 0.9, 1.1, 4.0, 1e-9], np.float32) * least / 3)
+        drawn = replace(gop, colour=np.repeat(colour[:, None], 3, axis=1))
+        assert Slope(0.5, 9).worthwhile(drawn, ones).tolist() == [False, False, True, True, False]
+        lasting = Slope(0.5, 9, lasting=1.2)
+        assert lasting.worthwhile(drawn, ones).tolist() == [False, True, True, True, False]
+
+    def test_one_stays(self, gop: Gop) -> None:
+        nothing = replace(gop, colour=np.zeros_like(gop.colour))
+        assert Slope(16.0, 9).worthwhile(nothing, nothing).sum() == 1
