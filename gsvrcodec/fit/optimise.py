@@ -204,7 +204,7 @@ def optimise(
 
 
 def _missing(field: Field, footage: Footage, slope: Slope) -> int:
-    """Gaussians that are missing at a slope, or too many if below 0; half of them at most."""
+    """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
     now = len(field.raw["position"])
     wanted = slope.gaussians(footage.pixels, _squared_error(field, footage))
     return min(max(wanted, now // 2), 2 * now) - now
