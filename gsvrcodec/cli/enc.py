@@ -61,7 +61,7 @@ def main(args: Sequence[str] | None = None) -> int:
     "--crf",
     type=float,
     metavar="N",
-    help="Constant quality, 0 to 51; about the PSNR of x264 at this number.",
+    help="Constant quality, 0 to 51, on about the scale of x264; more is smaller.",
 )
 @click.option(
     "--params",
