@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Generator, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,8 +59,11 @@ def payloads(workers: int, threads: int) -> dict[int, bytes]:
 
 def children() -> set[int]:
     """Processes that this one has started and that still run."""
-    every = Path("/proc/self/task").glob("*/children")
-    return {int(pid) for path in every for pid in path.read_text().split()}
+    found: set[int] = set()
+    for path in Path("/proc/self/task").glob("*/children"):
+        with suppress(FileNotFoundError):  # its thread has just ended
+            found.update(map(int, path.read_text().split()))
+    return found
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs Linux")
