@@ -123,22 +123,12 @@ class Field:
         return self._anchored["carried"]
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
-        """Put the Gaussians into another order."""
-        for name, tensor in self.raw.items():
-            if name not in GRIDS:
-                tensor.copy_(tensor[order])
+        """Put the Gaussians into another order, which may lack some and repeat others."""
+        for tensors in (self.raw, self._fixed):
+            for name in tensors.keys() - set(GRIDS):
+                tensors[name] = tensors[name][order]
         if self.anchor is not None:
             self.anchor.rearrange(order)
-            self._anchored = self._anchor_tensors()
-
-    def take(self, chosen: NDArray[np.intp]) -> None:
-        """Keep the chosen Gaussians alone, in their order; some of them more than once."""
-        for name in self.raw.keys() - set(GRIDS):
-            self.raw[name] = self.raw[name][chosen]
-        for name in self._fixed.keys() - set(GRIDS):
-            self._fixed[name] = self._fixed[name][chosen]
-        if self.anchor is not None:
-            self.anchor.rearrange(chosen)
             self._anchored = self._anchor_tensors()
 
     def freeze(self, chosen: NDArray[np.bool_]) -> None:

@@ -29,3 +29,8 @@ class Footage:
     def pixels(self) -> int:
         """Pixels of all frames."""
         return self.frames[..., 0].size
+
+
+def some_frames(frames: int, count: int) -> NDArray[np.intp]:
+    """Return numbers of at most `count` frames, spread evenly from the first to the last."""
+    return np.unique(np.linspace(0, frames - 1, count).round().astype(np.intp))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.axes import Axes
 from gsvrcodec.fit.field import Field, Tensors
-from gsvrcodec.fit.footage import Footage, Frames
+from gsvrcodec.fit.footage import Footage, Frames, some_frames
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
@@ -213,7 +213,7 @@ def _missing(field: Field, footage: Footage, slope: Slope) -> int:
 def _squared_error(field: Field, footage: Footage) -> float:
     """Mean squared error over some frames, 8-bit codes."""
     frames, backend = footage.frames, field.backend
-    shown = np.unique(np.linspace(0, len(frames) - 1, RELOCATION.frames).round().astype(np.intp))
+    shown = some_frames(len(frames), RELOCATION.frames)
     prepared = backend.prepare(field.drawn())
     pictures = backend.render(prepared, footage.taus[shown], footage.size, footage.size)
     return fmean(

@@ -13,7 +13,7 @@ from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.flow import flow_estimator
-from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.motion import Tracker
 from gsvrcodec.fit.optimise import coarse_frames, optimise
 from gsvrcodec.fit.options import FitOptions
@@ -138,7 +138,7 @@ def change_worth(
     small = coarse_frames(footage.frames, PREDICTED)
     size, coded, frames = (small.shape[2], small.shape[1]), footage.size, len(small)
     picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, coded), 0, 1)
-    chosen = np.unique(np.linspace(0, frames - 1, PREDICTION.frames).round().astype(np.intp))
+    chosen = some_frames(frames, PREDICTION.frames)
     sensitivity = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     total = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     squares = np.zeros(gop.position.shape)

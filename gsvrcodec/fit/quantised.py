@@ -44,8 +44,8 @@ class QuantisedFit:
     backend: Backend
     measure: Measure
     seed: tuple[int, ...]
-    #: sensitivities if nothing moved, because Gaussians that leave the frame have none where they
-    #: are; None = not asked for
+    #: sensitivities of a predicted GOP if nothing moved, because Gaussians that have left the frame
+    #: have none; None = a key GOP
     at_rest: Gop | None = None
     slope: Slope | None = None  #: what Gaussians have to be worth; None = all are stored
 

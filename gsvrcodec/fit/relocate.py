@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.footage import Frames, some_frames
 from gsvrcodec.fit.seen import seen
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.tuned import RELOCATION
@@ -45,11 +45,14 @@ def relocate(
     """
     added, leaving = max(0, more), max(0, -more)
     count = int(share * len(field.raw["position"])) + added
-    taken = np.sort(_weakest_first(field.gop(), taus, coded_size)[leaving:])
-    # Copies that show nothing are the weakest, so that they move.
-    taken = np.concatenate([np.zeros(added, np.intp), taken])
-    field.take(taken)
-    field.raw["colour"][:added] = 0
+    taken = np.arange(len(field.raw["position"]))
+    if leaving:
+        taken = np.sort(_weakest_first(field.gop(), taus, coded_size)[leaving:])
+    if more:
+        # Copies that show nothing are the weakest, so that they move.
+        taken = np.concatenate([np.zeros(added, np.intp), taken])
+        field.rearrange(taken)
+        field.raw["colour"][:added] = 0
     moved = move_weakest(field, frames, taus, coded_size, rng, count)
     order = reorder(field, coded_size)
     return taken[order], np.isin(order, moved)
@@ -67,7 +70,7 @@ def move_weakest(
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
     weakest = _weakest_first(gop, taus, coded_size)[:count]
-    shown = _some(len(frames))
+    shown = some_frames(len(frames), RELOCATION.frames)
     backend = field.backend
     pictures = backend.render(backend.prepare(field.drawn()), taus[shown], size, coded_size)
     errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
@@ -100,12 +103,8 @@ def move_weakest(
 def _weakest_first(gop: Gop, taus: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
     """Numbers of the Gaussians: first those outside of the frame, then those that draw little."""
     drawn = np.exp(gop.log_scale.sum(axis=1)) * np.abs(gop.colour).max(axis=1)
-    return np.argsort(drawn * seen(gop, taus[_some(len(taus))], size), kind="stable")
-
-
-def _some(frames: int) -> NDArray[np.intp]:
-    """Numbers of the frames that are looked at."""
-    return np.unique(np.linspace(0, frames - 1, RELOCATION.frames).round().astype(np.intp))
+    shown = taus[some_frames(len(taus), RELOCATION.frames)]
+    return np.argsort(drawn * seen(gop, shown, size), kind="stable")
 
 
 def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:

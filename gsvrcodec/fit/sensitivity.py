@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.anchor import Anchor
-from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.tuned import STEPS
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.backend import Backend
@@ -36,15 +36,15 @@ def sensitivities(
         gop: The state to look at.
         rng: Source of the noise.
         backend: Gives gradients.
-        frames: Most frames that are looked at.
         anchor: What the stored values are relative to; the position follows from the motion.
+        frames: Most frames that are looked at.
 
     Returns:
         In place of each parameter its sum, squared 8-bit codes (mean of the channels).
     """
     (width, height), taus = footage.size, footage.taus
     total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
-    chosen = np.unique(np.linspace(0, len(taus) - 1, frames).round().astype(np.intp))
+    chosen = some_frames(len(taus), frames)
     scale = np.float32(_CODES * len(taus) / len(chosen))
     for tau in taus[chosen]:
         random = noise((height, width, 3), rng)

@@ -85,7 +85,7 @@ class TestExport:
         field = Field(start, "hybrid", BACKEND)
         before = field.gop()
         chosen = np.array([3, 3, 0, 39])
-        field.take(chosen)
+        field.rearrange(chosen)
         after = field.gop()
         assert len(after) == 4
         for name in set(Gop.__slots__) - {"xy", "xt", "yt"}:

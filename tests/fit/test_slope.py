@@ -29,7 +29,8 @@ class TestNumber:
 
     def test_more_where_others_build_on_them(self) -> None:
         alone = Slope(2.0, 10**9).gaussians(10**6, 40.0)
-        assert Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0) == pytest.approx(3 * alone, 2)
+        lasting = Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0)
+        assert lasting == pytest.approx(3 * alone, abs=2)
 
     def test_bounds(self) -> None:
         assert Slope(0.01, 500).gaussians(10**6, 40.0) == 500
