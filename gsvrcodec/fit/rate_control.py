@@ -129,14 +129,14 @@ def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:
 
 
 def _between(misses: list[float], qscales: list[float]) -> float | None:
-    """Return a qscale between the nearest trials above and below; None = not both are there."""
-    tried = list(zip(misses, qscales, strict=True))
-    below = max((one for one in tried if one[0] < 0), default=None)
-    above = min((one for one in tried if one[0] > 0), default=None)
+    """Return a qscale between the coarsest trial above and the finest below; None = one lacks."""
+    tried = list(zip(qscales, misses, strict=True))
+    below = min((one for one in tried if one[1] < 0), default=None)
+    above = max((one for one in tried if one[1] > 0), default=None)
     if below is None or above is None:
         return None
-    share = below[0] / (below[0] - above[0])
-    between: float = below[1] * (above[1] / below[1]) ** share
+    share = below[1] / (below[1] - above[1])
+    between: float = below[0] * (above[0] / below[0]) ** share
     return between
 
 
