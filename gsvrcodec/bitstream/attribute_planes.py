@@ -14,7 +14,6 @@ from gsvrcodec.bitstream.refinement_bits import (
     pack_numbers,
     pack_table,
     parse_table,
-    unpack_bits,
     unpack_numbers,
 )
 from gsvrcodec.errors import CorruptError
@@ -85,12 +84,13 @@ def _pack_refinement(coded: Mapping[str, Sequence[Coded]], refinements: Refineme
     if not refinements:
         return pack_table(refinements)
     base = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
-    numbers = [
-        pack_numbers(part.parts(bits), bits)
+    each = [
+        (part.parts(bits), bits)
         for name, bits in bits_of(base, refinements).items()
         for part in coded[name]
     ]
-    return pack_table(refinements) + np.packbits(np.concatenate(numbers)).tobytes()
+    numbers, bits = map(np.concatenate, zip(*each, strict=True))
+    return pack_table(refinements) + pack_numbers(numbers, bits)
 
 
 def unpack_planes(
@@ -139,13 +139,11 @@ def unpack_planes(
     if refinements and not shape.gaussians:
         raise CorruptError("a refinement without new Gaussians")
     bits = bits_of(values, refinements)
-    counts = [len(coded[name]) * int(own.sum()) for name, own in bits.items()]
-    single = unpack_bits(payload[offset + TABLE_BYTES :], sum(counts))
-    for (name, own), count in zip(bits.items(), counts, strict=True):
-        numbers = unpack_numbers(single[:count], np.tile(own, len(coded[name])))
-        single = single[count:]
-        parts = zip(coded[name], np.split(numbers, len(coded[name])), strict=True)
-        values[name] = joined([q.refined(codes, each, own) for (q, codes), each in parts])
+    each = np.array([own for name, own in bits.items() for _ in coded[name]], np.int64)
+    numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel())
+    rows = iter(numbers.reshape(each.shape))
+    for name, own in bits.items():
+        values[name] = joined([q.refined(codes, next(rows), own) for q, codes in coded[name]])
         clip_to_bounds(name, values[name])
     return values
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements
@@ -38,31 +37,26 @@ def parse_table(data: bytes) -> dict[str, Refinement]:
     return found
 
 
-def pack_numbers(numbers: Levels, bits: Levels) -> NDArray[np.uint8]:
-    """Numbers of so many bits each as single bits, the highest of each number first."""
+def pack_numbers(numbers: Levels, bits: Levels) -> bytes:
+    """Numbers of so many bits each, the highest bit first, filled up with zeros to whole bytes."""
     shift = np.arange(MOST_BITS - 1, -1, -1)
     single = (numbers[:, None] >> shift & 1).astype(np.uint8)
-    return single[shift < bits[:, None]]
+    return np.packbits(single[shift < bits[:, None]]).tobytes()
 
 
-def unpack_numbers(single: NDArray[np.uint8], bits: Levels) -> Levels:
-    """The inverse of `pack_numbers`."""
-    shift = np.arange(MOST_BITS - 1, -1, -1)
-    table = np.zeros((len(bits), MOST_BITS), np.int64)
-    table[shift < bits[:, None]] = single
-    numbers: Levels = (table << shift).sum(axis=1)
-    return numbers
-
-
-def unpack_bits(data: bytes, count: int) -> NDArray[np.uint8]:
-    """The bits of whole bytes, of which the last is filled up with zeros.
+def unpack_numbers(data: bytes, bits: Levels) -> Levels:
+    """The inverse of `pack_numbers`.
 
     Raises:
         CorruptError: Another number of bytes, or ones behind the last bit.
     """
+    count = int(bits.sum())
     if len(data) != -(-count // 8):
         raise CorruptError(f"refinement of {len(data)} bytes for {count} bits")
-    bits = np.unpackbits(np.frombuffer(data, np.uint8))
-    if bits[count:].any():
+    if count % 8 and data[-1] & 0xFF >> count % 8:
         raise CorruptError("ones behind the last bit of the refinement")
-    return bits[:count]
+    octets = np.frombuffer(data + bytes(2), np.uint8).astype(np.int64)
+    pairs = octets[:-1] << 8 | octets[1:]  # a number of 8 bits lies in two bytes at most
+    start = np.cumsum(bits) - bits
+    numbers: Levels = pairs[start >> 3] >> (16 - (start & 7) - bits) & ((1 << bits) - 1)
+    return numbers

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
-from gsvrcodec.model.refinement import REFINED, Levels, Refinement, Refinements, levels
+from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements, levels
 
 _MAX_BITS = 16
 
@@ -152,7 +152,8 @@ class Quantiser:
     def refined(self, codes: NDArray[np.uint16], parts: Levels, bits: Levels) -> Float32Array:
         """Values of codes that `bits` bits refine, as `dequantise` does."""
         halves = (codes.astype(np.int64) << (bits + 1)) + 2 * parts + 1 - (1 << bits)
-        values = halves * np.ldexp(np.float64(self.step), -(bits + 1)) + self.offset
+        halved = np.ldexp(np.float64(self.step), -1 - np.arange(MOST_BITS + 1))
+        values = halves * halved[bits] + self.offset
         return values.astype(np.float32)
 
 

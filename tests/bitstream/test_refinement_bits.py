@@ -16,7 +16,6 @@ from gsvrcodec.bitstream.refinement_bits import (
     pack_numbers,
     pack_table,
     parse_table,
-    unpack_bits,
     unpack_numbers,
 )
 from gsvrcodec.errors import CorruptError, GsvrError
@@ -62,20 +61,23 @@ class TestNumbers:
     def test_come_back(self, bits: list[int], seed: int) -> None:
         each = np.array(bits, np.int64)
         numbers = np.random.default_rng(seed).integers(0, 1 << each)
-        single = pack_numbers(numbers, each)
-        assert len(single) == each.sum()
-        np.testing.assert_array_equal(unpack_numbers(single, each), numbers)
+        data = pack_numbers(numbers, each)
+        assert len(data) == -(-each.sum() // 8)
+        np.testing.assert_array_equal(unpack_numbers(data, each), numbers)
 
     def test_the_highest_bit_comes_first(self) -> None:
-        single = pack_numbers(np.array([0b110, 0, 0b01]), np.array([3, 0, 2]))
-        assert single.tolist() == [1, 1, 0, 0, 1]
+        data = pack_numbers(np.array([0b110, 0, 0b01, 0b1010_0101]), np.array([3, 0, 2, 8]))
+        assert data == bytes([0b11001_101, 0b00101_000])
 
     def test_bytes_fit_the_bits(self) -> None:
-        assert unpack_bits(b"", 0).size == 0
-        assert unpack_bits(b"\xa0", 3).tolist() == [1, 0, 1]
-        for data, count in ((b"\xa0\0", 3), (b"", 1), (b"\xa0", 9), (b"\xb0", 3)):
+        bits = np.array([3])
+        assert unpack_numbers(b"\xa0", bits).tolist() == [0b101]
+        assert unpack_numbers(b"", bits[:0]).size == 0
+        for data in (b"\xa0\0", b"", b"\xb0", b"\xa1"):
             with pytest.raises(CorruptError, match="refinement"):
-                unpack_bits(data, count)
+                unpack_numbers(data, bits)
+        with pytest.raises(CorruptError, match="refinement"):
+            unpack_numbers(b"\xa0", 3 * bits)
 
 
 class TestPlanes:
