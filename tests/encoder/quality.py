@@ -29,7 +29,7 @@ PSNR_BOUND = 0.3
 #: Part of the bytes by which it may: two to three standard deviations. Kernels of another
 #: instruction set round otherwise, which changes as much as another seed does: one encode by
 #: 1.5 %, by 5 % where a quality is to be met.
-BYTES_BOUND: Mapping[str, float] = {"parameters": 0.03, "size": 0.05, "quality": 0.1, "crf": 0.05}
+BYTES_BOUND: Mapping[str, float] = {"parameters": 0.03, "size": 0.03, "quality": 0.1, "crf": 0.05}
 SEEDS = (0, 1, 2)
 
 #: Each way that rate control goes.
