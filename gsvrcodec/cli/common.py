@@ -62,9 +62,7 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
             message = _with_notes("interrupted", error.__cause__ or error)
             return _failed(command, message, EXIT_INTERRUPTED)
         except BrokenPipeError:
-            # The reader of the pipe has gone: no message, and nothing to flush at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return EXIT_FAILURE
+            return EXIT_FAILURE  # the reader of the pipe has gone: no message
         except MemoryError as error:
             return _failed(command, _with_notes("out of memory", error), EXIT_FAILURE)
         except Exception as error:
@@ -73,6 +71,17 @@ def run(command: click.Command, args: Sequence[str] | None) -> int:
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             hint = "" if isinstance(error, OSError) else f" (set {DEBUG}=1 to see where)"
             return _failed(command, _with_notes(f"{what}{hint}", error), EXIT_FAILURE)
+        finally:
+            _drop_unwritable()
+
+
+def _drop_unwritable() -> None:
+    """Drop what the standard output cannot take: flushed at exit, it would change the exit code."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def as_options(message: str, parameters: Sequence[click.Parameter]) -> str:

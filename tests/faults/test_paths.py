@@ -65,8 +65,12 @@ class TestWriting:
     def test_a_full_standard_output(self, tmp_path: Path) -> None:
         coded = making.gsvr_file(tmp_path / "a.gsvr")
         with FULL.open("wb") as full:
-            for call in (("gsvrenc", making.NOISE, "-", *SMALL), ("gsvrdec", coded, "-")):
-                process = start(*call, "-q", stdout=full, stderr=subprocess.PIPE)
+            for call in (
+                ("gsvrenc", making.NOISE, "-", "-q", *SMALL),
+                ("gsvrdec", coded, "-", "-q"),
+                ("gsvrinfo", coded),
+            ):
+                process = start(*call, stdout=full, stderr=subprocess.PIPE)
                 err = process.communicate(timeout=60)[1].decode()
                 assert process.returncode == 1
                 assert "no space left on device" in err.lower()
