@@ -83,7 +83,7 @@ def similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Similarity:
     _check_shapes(a, b)
     if a.ndim != 3 or a.shape[2] != 3:
         raise ValueError(f"pictures of shape {a.shape} are not RGB")
-    x, y = _luma(a), _luma(b)
+    x, y = luma(a), luma(b)
     ssim: float | None = None
     structures: list[float] = []
     for scale in range(len(_SCALES)):
@@ -103,7 +103,8 @@ def _check_shapes(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
         raise ValueError(f"pictures of shape {a.shape} and {b.shape} cannot be compared")
 
 
-def _luma(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+def luma(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return 0.299 R + 0.587 G + 0.114 B of a picture (H, W, 3), (H, W), 8-bit codes."""
     return np.asarray(cv2.cvtColor(rgb.astype(np.float32), cv2.COLOR_RGB2GRAY), np.float32)
 
 

@@ -19,7 +19,7 @@ from gsvrcodec.decoder.schedule import Number, Schedule, TimedPicture, schedule
 from gsvrcodec.errors import CorruptError, UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
-from gsvrcodec.video.output import DEFAULT_CODEC_PRESET, DEFAULT_CRF, OutputInfo
+from gsvrcodec.video.output import DEFAULT_CRF, OutputInfo
 from gsvrcodec.video.timing import Span
 from gsvrcodec.video.write import DEEP, WITH_STREAMS, muxer_of, open_writer
 
@@ -55,7 +55,7 @@ def decode(
     overwrite: bool = False,
     keep_going: bool = False,
     crf: int = DEFAULT_CRF,
-    codec_preset: str = DEFAULT_CODEC_PRESET,
+    codec_preset: str | None = None,
     threads: int = 0,
     device: str = "auto",
     limits: Limits | None = None,
@@ -85,7 +85,8 @@ def decode(
         overwrite: Replace an existing output.
         keep_going: Decode the undamaged GOPs of a damaged file.
         crf: Quality of H.264 or HEVC, 0 (best) to 51.
-        codec_preset: Effort of x264 or x265, one of their preset names.
+        codec_preset: Effort of x264 or x265, one of their preset names; None = "veryfast", and
+            "ultrafast" for HEVC.
         threads: Threads for rendering and for the output's encoder; 0 = all cores.
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU.
@@ -159,7 +160,7 @@ def _ahead(pictures: Iterator[TimedPicture], count: int) -> Generator[TimedPictu
 
 
 def _output_info(
-    decoder: Decoder, plan: Schedule, crf: int, codec_preset: str, threads: int
+    decoder: Decoder, plan: Schedule, crf: int, codec_preset: str | None, threads: int
 ) -> OutputInfo:
     """Return size, timing, colour and coding options of the output."""
     meta = decoder.metadata

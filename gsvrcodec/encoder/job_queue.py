@@ -13,12 +13,12 @@ from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.chain import ChainFrames, chain_jobs
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.rate import frame_visits
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.encoder.workers import processes, starts
 from gsvrcodec.errors import InputError
-from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.video import SourceFrame, VideoInfo, VideoReader
 
 
@@ -27,8 +27,7 @@ def processes_for(
 ) -> tuple[int, int]:
     """Return the number of processes that fit these chains, and of their threads together."""
     frames, pixels = [sum(map(len, chain)) for chain in chains], size[0] * size[1]
-    visits = EFFORT.frame_visits[settings.preset]
-    pace = settings.time_budget or PROCESSES.step_seconds * visits * pixels
+    pace = settings.time_budget or PROCESSES.step_seconds * frame_visits(settings) * pixels
     return processes(
         # One process keeps a GPU busy.
         settings.workers or int(settings.device != "cpu"),

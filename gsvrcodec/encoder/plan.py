@@ -66,7 +66,7 @@ def plan(
     psnr = expected_psnr(stats, size, settings, seconds=seconds)
     stats_of = [stats[chain[0].start : chain[-1].stop] for chain in chains]
     area = size[0] * size[1]
-    qscale = None if settings.crf is None else qscale_of(settings.crf)
+    qscale = None if settings.quality is None else qscale_of(settings.quality)
     if settings.target_psnr is not None:
         bits = [len(own) * area * bpp_for(own, settings.target_psnr) for own in stats_of]
     elif qscale is not None:

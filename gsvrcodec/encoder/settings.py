@@ -12,6 +12,8 @@ from gsvrcodec.limits import Limits
 Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
 Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
+DEFAULT_CRF = 26.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodeSettings:
@@ -19,7 +21,9 @@ class EncodeSettings:
 
     params: int | None = None  #: about how many stored numbers in the whole file; None = by size
     gaussians: int | None = None  #: Gaussians in each GOP; of these seven at most one is given
-    crf: float | None = None  #: constant quality, 0 to 51; 6 more are half the bits or less
+    #: constant quality, 0 to 51; 6 more are half the bits or less; None = by the others of the
+    #: seven, or `DEFAULT_CRF`
+    crf: float | None = None
     bpp: float | None = None  #: bits a pixel and frame, copied streams left out
     bitrate: int | None = None  #: bits a second, copied streams left out
     target_size: int | None = None  #: bytes of the whole file
@@ -64,7 +68,7 @@ class EncodeSettings:
             if getattr(self, name) not in get_args(hints[name]):
                 allowed = ", ".join(get_args(hints[name]))
                 raise UsageError(f"`{name}` must be one of {allowed}, not {getattr(self, name)!r}")
-        given = [name for name in _SIZES if getattr(self, name) is not None]
+        given = self._sizes
         if len(given) > 1:
             raise UsageError(f"`{given[0]}` and `{given[1]}` exclude each other; give one")
         if self.profile == "paper" and self.has_target:
@@ -98,9 +102,20 @@ class EncodeSettings:
             )
 
     @property
+    def quality(self) -> float | None:
+        """The constant quality, by default if nothing else says how large the file is to be."""
+        by_default = self.profile == "main" and not self._sizes
+        return DEFAULT_CRF if by_default else self.crf
+
+    @property
     def has_target(self) -> bool:
         """Whether a size or a quality is to be met, whatever number of Gaussians it takes."""
-        return any(getattr(self, name) is not None for name in _TARGETS)
+        return self.quality is not None or any(name in _TARGETS for name in self._sizes)
+
+    @property
+    def _sizes(self) -> list[str]:
+        """What was given that says how large the file is to be."""
+        return [name for name in _SIZES if getattr(self, name) is not None]
 
     @property
     def predicts(self) -> bool:
@@ -122,7 +137,7 @@ class EncodeSettings:
         """What the file keeps: all that shapes its content."""
         kept = asdict(self)
         del kept["threads"], kept["workers"], kept["device"]
-        return kept
+        return kept | {"crf": self.quality}
 
 
 _HIGHEST_CRF = 51  #: of x264

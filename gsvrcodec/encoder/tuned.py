@@ -58,7 +58,8 @@ class _Rate:
     #: for their mean PSNR
     evenness: float = 0.5
     most_unequal: float = 8.0  #: largest ratio of a GOP's bytes a frame to the mean, and inversely
-    usual_psnr: float = 36.0  #: dB, where neither size nor quality is asked for
+    number_bits: float = 5.0  #: of the file for each stored number
+    usual_psnr: float = 36.0  #: dB, where nothing tells the size
     least_gop_bytes: int = 1500  #: payload of a GOP that is hardly more than its tables
 
 

@@ -18,6 +18,7 @@ from gsvrcodec.fit.footage import Footage, Frames, some_frames
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
+from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.metrics import squared_error
@@ -176,6 +177,8 @@ def optimise(
     order = visits(len(frames), rng)
     relocations = iter(recipe.relocations)
     relocation = next(relocations, 1.0)
+    prunings = iter(() if slope is None else recipe.prunings)
+    pruning = next(prunings, 1.0)
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
@@ -185,6 +188,9 @@ def optimise(
             adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving, more))
             if price is not None:
                 price.forget()
+        if slope is not None and spent >= pruning:
+            pruning = next(prunings, 1.0)
+            adam.rearrange(_prune(field, footage, slope, rng))
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames
@@ -208,6 +214,17 @@ def _missing(field: Field, footage: Footage, slope: Slope) -> int:
     now = len(field.raw["position"])
     wanted = slope.gaussians(footage.pixels, _squared_error(field, footage))
     return min(max(wanted, now // 2), 2 * now) - now
+
+
+def _prune(
+    field: Field, footage: Footage, slope: Slope, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Drop Gaussians that are not worth their bits, and return which are left."""
+    gop = field.gop()
+    found = sensitivities(footage, gop, rng, field.backend)
+    left = np.flatnonzero(slope.worthwhile(gop, found))
+    field.rearrange(left)
+    return left
 
 
 def _squared_error(field: Field, footage: Footage) -> float:

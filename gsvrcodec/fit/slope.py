@@ -47,6 +47,6 @@ class Slope:
             sensitivities: Squared error of a change of each parameter by one.
         """
         loss = (sensitivities.colour * np.square(gop.colour)).sum(axis=1)
-        chosen: NDArray[np.bool_] = loss >= SLOPE.weak_bits * self.bit
+        chosen: NDArray[np.bool_] = loss >= SLOPE.gaussian_bits * self.bit
         chosen[loss.argmax()] = True
         return chosen

@@ -119,12 +119,13 @@ def _to_10_bit(rgb: NDArray[np.uint16], pixel_format: str, colour: ColourInfo) -
     cr = (np.array([1, 0, 0]) - luma) / (2 - 2 * red)
     black, white, swing = (0, 1023, 1023) if colour.full_range else (64, 940, 896)
     gain = np.array([luma * (white - black), cb * swing, cr * swing]) / 1023
-    planes = np.moveaxis(rgb.astype(np.float32) @ gain.T.astype(np.float32), 2, 0)
-    planes += np.array([black, 512, 512], np.float32)[:, None, None]
+    planes: NDArray[np.float32] = gain.astype(np.float32) @ rgb.reshape(-1, 3).T.astype(np.float32)
+    planes += np.array([[black], [512], [512]], np.float32)
     frame = av.VideoFrame(width, height, pixel_format)
-    for plane, values in zip(frame.planes, planes, strict=True):
+    for plane, values in zip(frame.planes, planes.reshape(3, height, width), strict=True):
         if plane.height < height:
-            values = values.reshape(height // 2, 2, width // 2, 2).mean((1, 3))
+            rows = values[::2] + values[1::2]
+            values = (rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25)
         padded = np.zeros((plane.height, plane.line_size // 2), "<u2")
         padded[:, : plane.width] = np.rint(values).clip(0, 1023)
         plane.update(padded.tobytes())

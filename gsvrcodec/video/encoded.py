@@ -123,7 +123,7 @@ class Mp4Writer(_ContainerWriter):
         codec = "libx264"
         options = {
             "crf": str(info.crf),
-            "preset": info.codec_preset,
+            "preset": info.codec_preset or "veryfast",
             # Without B-frames the duration of each sample in the file is its display duration.
             "bf": "0",
             # Optimise PSNR, not perceived quality; no lower quality for unreferenced blocks.
@@ -131,8 +131,12 @@ class Mp4Writer(_ContainerWriter):
         }
         if info.bit_depth > 8 and min(info.width, info.height) >= _LEAST_HEVC_SIDE:
             codec = "libx265"
+            # With blocks of 16 pixels ultrafast takes a third of the time of veryfast, for 4 % more
+            # bits and 0.9 dB less at 55 dB.
+            options["preset"] = info.codec_preset or "ultrafast"
             options["x265-params"] = (
-                "bframes=0:cutree=0:psy-rd=0:psy-rdoq=0:log-level=none"
+                "bframes=0:cutree=0:psy-rd=0:psy-rdoq=0:log-level=none:frame-threads=2"
+                f"{'' if info.codec_preset else ':ctu=16'}"
                 f"{':lossless=1' if info.crf == 0 else ''}"
                 f"{f':pools={info.threads}' if info.threads else ''}"
             )

@@ -11,7 +11,6 @@ from gsvrcodec.video.timing import Span
 
 #: Near-lossless: about 40 dB or more on the sample clips.
 DEFAULT_CRF = 8
-DEFAULT_CODEC_PRESET = "veryfast"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +29,7 @@ class OutputInfo:
     mirrored: bool = False  #: whether a player mirrors the picture left to right before it turns it
     colour: ColourInfo = field(default_factory=ColourInfo)
     crf: int = DEFAULT_CRF  #: quality of H.264 or HEVC, 0 (lossless YCbCr) to 51
-    codec_preset: str = DEFAULT_CODEC_PRESET  #: effort of x264 or x265
+    codec_preset: str | None = None  #: effort of x264 or x265; None = by the writer
     threads: int = 0  #: threads of the output's encoder; 0 = all cores
     tags: Tags = field(default_factory=Tags)  #: titles, languages, chapters
     #: Copied sound and subtitles: tags, and a container file with that stream alone.

@@ -34,7 +34,7 @@ SEEDS = (0, 1, 2)
 
 #: Each way that rate control goes.
 ENCODES: Mapping[str, tuple[Path, dict[str, Any]]] = {
-    "parameters": (making.BUNNY_SMALL, {"frames": 16}),
+    "parameters": (making.BUNNY_SMALL, {"frames": 16, "params": 25_568}),
     "size": (making.NOISE, {"bpp": 0.4, "gop": 10}),
     "quality": (making.ODD, {"target_psnr": 23.0}),
     "crf": (making.ODD, {"crf": 26}),

@@ -13,12 +13,13 @@ from gsvrcodec.encoder.rate import (
     bpp_for,
     expected_bpp,
     expected_psnr,
+    frame_visits,
     qscale_of,
 )
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, CRF, RATE
 from gsvrcodec.fit.precision import bit_worth
-from gsvrcodec.fit.tuned import RATE_CONTROL
+from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
 from tests.encoder.test_budget import chains_of
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
@@ -52,6 +53,15 @@ class TestBitWeights:
         assert hard > 1.2 * easy
 
 
+def test_a_high_quality_takes_more_visits() -> None:
+    usual = frame_visits(EncodeSettings(params=9))
+    assert usual == EFFORT.frame_visits["medium"]
+    assert frame_visits(EncodeSettings(crf=CRF.at + 5)) == usual
+    finer = frame_visits(EncodeSettings(crf=CRF.at - CRF.octave))
+    assert finer == pytest.approx(2 * usual)
+    assert frame_visits(EncodeSettings(preset="fast")) < usual
+
+
 class TestExpected:
     def expected(self, **settings: Any) -> tuple[float, float]:
         chosen = EncodeSettings(**settings)
@@ -69,6 +79,10 @@ class TestExpected:
             pytest.approx((bpp, psnr))
         )
 
+    def test_by_stored_numbers(self) -> None:
+        params = round(0.1 * 320 * 180 * 60 / RATE.number_bits)
+        assert self.expected(params=params) == pytest.approx(self.expected(bpp=0.1), rel=1e-4)
+
     def test_by_quality(self) -> None:
         bpp, psnr = self.expected(target_psnr=35.0)
         assert psnr == 35
@@ -79,8 +93,8 @@ class TestExpected:
         assert self.expected(bpp=bpp) == pytest.approx((bpp, psnr))
         assert self.expected(crf=34)[0] < 0.7 * bpp
 
-    def test_neither_is_asked_for(self) -> None:
-        for settings in ({}, {"gaussians": 9}, {"params": 10**6}):
+    def test_nothing_tells_the_size(self) -> None:
+        for settings in ({"gaussians": 9}, {"profile": "paper"}, {"profile": "paper", "params": 9}):
             assert self.expected(**settings) == (float("inf"), RATE.usual_psnr)
         empty = expected_bpp([], SIZE, EncodeSettings(bpp=0.1), seconds=0.0)
         assert empty == float("inf")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeSettings
 from gsvrcodec.errors import UsageError
 
 
@@ -86,6 +86,24 @@ def test_good(settings: dict[str, Any]) -> None:
 def test_bad(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         EncodeSettings(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "quality"),
+    [
+        ({}, DEFAULT_CRF),
+        ({"crf": 20.5}, 20.5),
+        ({"params": 5}, None),
+        ({"bpp": 0.1}, None),
+        ({"target_psnr": 30.0}, None),
+        ({"profile": "paper"}, None),
+    ],
+)
+def test_constant_quality_unless_a_size_is_given(
+    settings: dict[str, Any], quality: float | None
+) -> None:
+    chosen = EncodeSettings(**settings)
+    assert chosen.quality == chosen.recorded()["crf"] == quality
 
 
 def test_frozen() -> None:

@@ -47,8 +47,8 @@ def test_longest_gop_of_a_chain(settings: dict[str, Any], frames: int) -> None:
 @pytest.mark.parametrize(
     ("settings", "frames"),
     [
-        ({}, 32),
-        ({"gop_min": 40}, 40),
+        ({"gaussians": 9}, 32),
+        ({"gop_min": 40, "bpp": 0.2}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
         ({"bpp": 0.2}, 32),
         ({"bpp": 0.05}, 64),

@@ -16,6 +16,7 @@ from gsvrcodec.fit.optimise import Effort, optimise, visits
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
 from gsvrcodec.fit.relocate import reorder
+from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.start import random_start
 from gsvrcodec.render import render_frames
 from tests import making
@@ -97,6 +98,39 @@ def first_rate(name: str) -> float:
     rate = MAIN.rates[name]
     assert isinstance(rate, float)
     return rate * MAIN.decay(0) / MAIN.warm_up
+
+
+class TestPruning:
+    @staticmethod
+    def counts(slope: Slope | None, recipe: Recipe) -> list[int]:
+        """Return the number of Gaussians after each step of a fit that begins with 150."""
+        frames = sample(making.BUNNY_SMALL, (96, 64), 4)
+        start = random_start(frames, 150, (8, 6, 4), np.random.default_rng(0))
+        field = Field(start, "hybrid", BACKEND)
+        counts: list[int] = []
+
+        class Counting(Effort):
+            def advance(self) -> None:
+                super().advance()
+                counts.append(len(field.raw["position"]))
+
+        rng = np.random.default_rng(0)
+        optimise(field, footage(frames), recipe, Counting(40), rng, slope=slope)
+        assert_finite(field.gop())
+        return counts
+
+    def test_what_is_not_worth_its_bits_leaves_in_time(self) -> None:
+        recipe = replace(MAIN, relocations=(), prunings=(0.5, 0.8))
+        counts = self.counts(Slope(8.0, 10**6), recipe)
+        assert set(counts[:20]) == {150}
+        assert 0 < counts[20] < 150
+        assert set(counts[20:32]) == {counts[20]}
+        assert counts[-1] <= counts[20]
+
+    def test_all_stay_where_bits_are_free_and_without_a_slope(self) -> None:
+        recipe = replace(MAIN, relocations=())
+        assert set(self.counts(Slope(0.0, 10**6), recipe)) == {150}
+        assert set(self.counts(None, recipe)) == {150}
 
 
 class TestRates:

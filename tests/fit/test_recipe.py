@@ -32,6 +32,11 @@ class TestRecipes:
         assert list(recipe.relocations) == sorted(recipe.relocations)
         assert all(0 < when < 0.7 for when in recipe.relocations)
 
+    def test_what_has_just_moved_is_not_pruned(self, recipe: Recipe) -> None:
+        for when in recipe.prunings:
+            assert 0 < when < 0.95
+            assert all(moved > when or when - moved > 0.04 for moved in recipe.relocations)
+
 
 def test_constants_name_what_there_is() -> None:
     names = {attribute.name for attribute in ATTRIBUTES}

@@ -40,7 +40,7 @@ class TestNumber:
 class TestWorthwhile:
     def test_by_what_they_draw(self, gop: Gop) -> None:
         ones = replace(gop, colour=np.ones_like(gop.colour))
-        least = SLOPE.weak_bits * bit_worth(0.5)
+        least = SLOPE.gaussian_bits * bit_worth(0.5)
         colour = np.sqrt(np.array([0.0, 0.9, 1.1, 4.0, 1e-9], np.float32) * least / 3)
         drawn = replace(gop, colour=np.repeat(colour[:, None], 3, axis=1))
         assert Slope(0.5, 9).worthwhile(drawn, ones).tolist() == [False, False, True, True, False]
