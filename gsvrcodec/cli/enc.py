@@ -22,7 +22,7 @@ from gsvrcodec.cli.common import (
 )
 from gsvrcodec.cli.groups import GroupedCommand
 from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
-from gsvrcodec.encoder.settings import EncodeSettings, Pack, Preset
+from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeSettings, Pack, Preset
 from gsvrcodec.fit.options import Deform, Flow, Profile
 
 _DEFAULTS = EncodeSettings()
@@ -61,13 +61,14 @@ def main(args: Sequence[str] | None = None) -> int:
     "--crf",
     type=float,
     metavar="N",
-    help="Constant quality, 0 to 51, on about the scale of x264; more is smaller.",
+    help="Constant quality, 0 to 51, on about the scale of x264; more is smaller. "
+    f"{DEFAULT_CRF:g} if no other of these is given.",
 )
 @click.option(
     "--params",
     type=count,
     metavar="N",
-    help="About so many parameters in the whole file, such as 3M; sets the size.",
+    help="Most parameters in the whole file, such as 3M; key GOPs only.",
 )
 @click.option("--gaussians", type=count, metavar="N", help="Gaussians in each GOP.")
 @click.option(

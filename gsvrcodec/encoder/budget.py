@@ -84,8 +84,8 @@ def key_gaussians(size: int, grid: GridSize) -> int:
 def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
     """Gaussians of the GOPs of each chain, when no size and no quality is asked for.
 
-    Stored numbers are shared by length: every frame has as many. A predicted GOP counts for a part
-    of its numbers. A GOP has at least one Gaussian, and at most one for each two pixels of a frame.
+    Stored numbers are shared by length: every frame has as many. A GOP has at least one Gaussian,
+    and at most one for each two pixels of a frame. Only with `gaussians` may GOPs be predicted.
 
     Raises:
         UsageError: `params` does not even hold the tri-planes.
@@ -96,7 +96,6 @@ def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSet
         return [settings.gaussians] * len(chains)
     gops = [gop for chain in chains for gop in chain]
     frames = sum(map(len, gops))
-    wholes = [1 + CHAIN.stored * (len(chain) - 1) for chain in chains]
     total = settings.params or round(DEFAULT_DENSITY * width * height * frames)
     planes = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
     left = total - sum(planes)
@@ -111,7 +110,4 @@ def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSet
         )
     spare = left // GAUSSIAN_PARAMETERS - len(gops)
     lengths = [sum(map(len, chain)) for chain in chains]
-    return [
-        min(most, 1 + int(spare * length / (frames * whole)))
-        for length, whole in zip(lengths, wholes, strict=True)
-    ]
+    return [min(most, 1 + int(spare * length / frames)) for length in lengths]

@@ -19,7 +19,7 @@ DEFAULT_CRF = 26.0
 class EncodeSettings:
     """What an encode is asked for: the keyword arguments of `gsvrcodec.encode`."""
 
-    params: int | None = None  #: about how many stored numbers in the whole file; None = by size
+    params: int | None = None  #: most stored numbers in the whole file; key GOPs only
     gaussians: int | None = None  #: Gaussians in each GOP; of these seven at most one is given
     #: constant quality, 0 to 51; 6 more are half the bits or less; None = by the others of the
     #: seven, or `DEFAULT_CRF`
@@ -119,8 +119,11 @@ class EncodeSettings:
 
     @property
     def predicts(self) -> bool:
-        """Whether GOPs may be predicted from the one before."""
-        return self.keyint > 0 and self.profile == "main"
+        """Whether GOPs may be predicted from the one before.
+
+        How many numbers a predicted GOP stores is known only when it is fitted.
+        """
+        return self.keyint > 0 and self.profile == "main" and self.params is None
 
     @property
     def copied_kinds(self) -> tuple[str, ...]:

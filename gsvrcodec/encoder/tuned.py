@@ -128,8 +128,6 @@ class _Chain:
     gaussian_bits: float = 57.0
     #: bits of the payload of a small GOP for each number of its tri-plane. cup at 0.015 bpp
     number_bits: float = 5.0
-    #: numbers that a predicted GOP stores, in those of a key GOP
-    stored: float = 0.5
     #: Gaussians that a core can fit in a second of the wall time of a predicted GOP that changes
     #: all over. 2 cores, 1 s a frame of 720p (2 s of 1080p), 24 frames: bee, GOPs of 8, 34 000
     #: Gaussians 34.1 dB at 0.24 bpp, 22 000 35.1 dB at 0.20; driving, GOPs of 6, 58 000 31.3 dB at

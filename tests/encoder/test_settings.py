@@ -127,6 +127,7 @@ def test_recorded_is_json_of_all_that_shapes_the_file() -> None:
         ({}, True),
         ({"keyint": 0.5, "bpp": 0.1}, True),
         ({"gaussians": 50}, True),
+        ({"params": 5000}, False),
         ({"keyint": 0.0}, False),
         ({"keyint": 0}, False),
         ({"profile": "paper"}, False),
