@@ -35,7 +35,7 @@ from gsvrcodec.fit.rate_control import (
     quantise_to_psnr,
     quantise_to_size,
 )
-from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
+from gsvrcodec.fit.tuned import EFFORT, PREDICTION, RATE_CONTROL
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.prediction import last_look
 from gsvrcodec.model.quantise import Precision
@@ -149,6 +149,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
         start = predicted.Reference(look, shown, reference.qscale, reference.psnr)
+        sized = budget.target_bytes is not None
         return fit_predicted(
             footage,
             start,
@@ -158,6 +159,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
             allowance(budget.gaussians),
             backend,
             seed=job.seed,
+            kept_bits=PREDICTION.kept_bits_sized if sized else PREDICTION.kept_bits,
         )
 
     def pack(

@@ -50,6 +50,7 @@ def fit_predicted(
     backend: Backend,
     *,
     seed: tuple[int, ...],
+    kept_bits: float = PREDICTION.kept_bits,
 ) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
 
@@ -67,6 +68,7 @@ def fit_predicted(
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
+        kept_bits: a Gaussian is kept if its change is worth less than so many.
 
     Returns:
         The fit; None if the frames cannot be predicted from the reference.
@@ -78,7 +80,7 @@ def fit_predicted(
     look = reference.look[there]
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
-    stays = worth < _least_worth(worth, bit, allowance.gaussians)
+    stays = worth < _least_worth(worth, kept_bits * bit, allowance.gaussians)
     extra = gaussians - len(there)
     if stays.all() and extra <= 0:
         stays[worth.argmax()] = False  # something has to be fitted
@@ -164,9 +166,8 @@ def change_worth(
     return worth
 
 
-def _least_worth(worth: NDArray[np.float64], bit: float, most: float) -> float:
-    """Return what a change has to be worth, so that about `most` Gaussians change or fewer."""
-    least = PREDICTION.kept_bits * bit
+def _least_worth(worth: NDArray[np.float64], least: float, most: float) -> float:
+    """Return what a change has to be worth: `least`, or more so that about `most` of them are."""
     if most >= len(worth):
         return least
     enough = float(np.partition(worth, -int(most))[-int(most)]) if most >= 1 else math.inf

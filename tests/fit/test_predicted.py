@@ -72,6 +72,7 @@ def predicted(
     gaussians: int = GAUSSIANS,
     allowance: Allowance | None = None,
     seed: int = 0,
+    kept_bits: float = PREDICTION.kept_bits,
 ) -> Fit:
     chosen = options or FitOptions()
     fit = fit_predicted(
@@ -83,6 +84,7 @@ def predicted(
         allowance or Allowance(150, None),
         BACKEND,
         seed=(seed, 4),
+        kept_bits=kept_bits,
     )
     assert fit is not None
     return fit
@@ -99,6 +101,14 @@ def inside(position: Float32Array, left: float, top: float, side: float) -> np.n
     """Whether centres lie in a square of the picture, in pixels."""
     x, y = ((position + 1) / 2 * SIZE).T
     return np.asarray((left <= x) & (x < left + side) & (top <= y) & (y < top + side))
+
+
+def test_more_are_kept_where_changes_have_to_be_worth_more(key: Key) -> None:
+    kept = [
+        int(parts(predicted(key, film(news=True), kept_bits=bits))[0].sum())
+        for bits in (1.0, 160.0, 1e6)
+    ]
+    assert kept[0] < kept[1] < kept[2]
 
 
 class TestChangeWorth:
