@@ -177,7 +177,7 @@ def optimise(
     order = visits(len(frames), rng)
     relocations = iter(recipe.relocations)
     relocation = next(relocations, 1.0)
-    prunings = iter(() if slope is None else recipe.prunings)
+    prunings = iter(recipe.prunings)
     pruning = next(prunings, 1.0)
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:

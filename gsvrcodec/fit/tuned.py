@@ -96,7 +96,7 @@ class _Prediction:
     #: the same where a size is to be met, which bits that are not taken would leave unused. Soccer,
     #: 40 frames at 0.1 bpp and preset fast: 500 takes 79 % of the size, 160 97 %, at 0.06 dB more
     kept_bits_sized: float = 160.0
-    #: the same factor more, if the wall time does not suffice for more of them. 36 frames of soccer
+    #: most factor of these if the wall time does not suffice for more changes. 36 frames of soccer
     #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is at
     #: most 0.5 dB below it instead of 2.6 dB
     hurried: float = 10.0

@@ -135,7 +135,7 @@ class Mp4Writer(_ContainerWriter):
             # bits and 0.9 dB less at 55 dB.
             options["preset"] = info.codec_preset or "ultrafast"
             options["x265-params"] = (
-                "bframes=0:cutree=0:psy-rd=0:psy-rdoq=0:log-level=none:frame-threads=2"
+                "bframes=0:cutree=0:psy-rd=0:psy-rdoq=0:log-level=none"
                 f"{'' if info.codec_preset else ':ctu=16'}"
                 f"{':lossless=1' if info.crf == 0 else ''}"
                 f"{f':pools={info.threads}' if info.threads else ''}"
