@@ -31,6 +31,7 @@ class Budget:
     slope: Slope | None = None  #: what a bit has to save; None = not asked for
     grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
     exact: bool = True  #: whether the bytes have to be met; else later GOPs make up for it
+    step_cost: float = 1.0  #: time of an optimiser step, in that of the key GOP of the chain
 
 
 def most_gaussians(size: tuple[int, int]) -> int:

@@ -15,6 +15,7 @@ from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference
+from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.fit.tuned import RATE_CONTROL
@@ -58,7 +59,10 @@ def chain_jobs(
             continue
         left = None
         if seconds is not None:
-            waiting = [len(g) * e for g, e in zip(chain.gops, efforts, strict=True)][number:]
+            waiting = [
+                visited_frames(len(own)) * effort * planned.step_cost
+                for own, effort, planned in zip(chain.gops, efforts, budgets, strict=True)
+            ][number:]
             spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
             left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
         pictures, chain.pictures[number] = chain.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
@@ -83,14 +87,14 @@ def chain_jobs(
 
 
 def shared_efforts(lengths: Sequence[int]) -> list[float]:
-    """Effort for a frame of each GOP of a chain; 1 in the mean of all frames.
+    """Effort for a visited frame of each GOP of a chain; 1 in the mean of all of them.
 
     Args:
         lengths: frames of each GOP.
     """
     weights = np.ones(len(lengths))
     weights[0] = CHAIN.key_effort
-    frames = np.array(lengths, np.float64)
+    frames = np.array(list(map(visited_frames, lengths)))
     efforts: list[float] = (weights * frames.sum() / (weights @ frames)).tolist()
     return efforts
 

@@ -21,7 +21,7 @@ from gsvrcodec.encoder.budget import (
     triplane_grid,
 )
 from gsvrcodec.encoder.carried import carried_of, new_of
-from gsvrcodec.encoder.rate import frame_visits
+from gsvrcodec.encoder.rate import frame_visits, visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.fit import predicted
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
@@ -78,7 +78,8 @@ class GopJob:
     @property
     def steps(self) -> int:
         """Optimiser steps, without `seconds`."""
-        return round(self.effort * frame_visits(self.settings) * len(self.frames))
+        frames = visited_frames(len(self.frames))
+        return round(self.effort * frame_visits(self.settings) * frames)
 
     @property
     def grid(self) -> GridSize:

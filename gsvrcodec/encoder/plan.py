@@ -88,6 +88,10 @@ def plan(
             own = stats[gop.start : gop.stop]
             grid = _grid(own, gaussians, size, settings, predicted=number > 0)
             budget = Budget(gaussians, target_psnr=settings.target_psnr, grid=grid)
+            if number:
+                changing = min(1.0, weights[number])
+                cost = CHAIN.idle_step + (1 - CHAIN.idle_step) * changing
+                budget = replace(budget, step_cost=cost)
             if qscale is not None:
                 lasting = 1.0 if number else frames / len(gop) / sum(weights)
                 budget = replace(budget, slope=Slope(qscale, most, max(1.0, lasting)))

@@ -43,6 +43,11 @@ def frame_visits(settings: EncodeSettings) -> float:
     return visits * max(1.0, 1 / qscale_of(settings.quality))
 
 
+def visited_frames(frames: int) -> int:
+    """Frames that the visits of a GOP are counted for: at least so many that its fit converges."""
+    return max(frames, EFFORT.least_frames)
+
+
 def expected_bpp(
     stats: Sequence[FrameStats], size: tuple[int, int], settings: EncodeSettings, *, seconds: float
 ) -> float:

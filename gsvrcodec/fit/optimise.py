@@ -177,17 +177,21 @@ def optimise(
     order = visits(len(frames), rng)
     relocations = iter(recipe.relocations)
     relocation = next(relocations, 1.0)
+    settled = 0  # so many steps have to be taken before another one
     prunings = iter(recipe.prunings)
     pruning = next(prunings, 1.0)
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
-            more = 0
-            if slope is not None and spent >= recipe.counted:
-                more = _missing(field, footage, slope)
-            adam.rearrange(*relocate(field, small, footage.taus, size, rng, recipe.moving, more))
-            if price is not None:
-                price.forget()
+            if effort.steps >= settled:
+                settled = effort.steps + recipe.settling
+                more = 0
+                if slope is not None and spent >= recipe.counted:
+                    more = _missing(field, footage, slope)
+                moved = relocate(field, small, footage.taus, size, rng, recipe.moving, more)
+                adam.rearrange(*moved)
+                if price is not None:
+                    price.forget()
         if slope is not None and spent >= pruning:
             pruning = next(prunings, 1.0)
             adam.rearrange(_prune(field, footage, slope, rng))

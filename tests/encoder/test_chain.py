@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.chain import ChainFrames, chain_jobs, shared_efforts
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.fit.slope import Slope
 from tests.gops import assert_gops_equal, decode_all, make_chain, make_file, make_payload
@@ -183,7 +185,8 @@ class TestTime:
         now = 100.0
         monkeypatch.setattr("time.perf_counter", lambda: now)
         efforts = shared_efforts(LENGTHS)
-        weights = [length * effort for length, effort in zip(LENGTHS, efforts, strict=True)]
+        frames = map(visited_frames, LENGTHS)
+        weights = [count * effort for count, effort in zip(frames, efforts, strict=True)]
         jobs = chain_jobs(frames_of(), [BUDGET] * 4, EncodeSettings(), [], 60.0)
         first = 60 * weights[0] / sum(weights)
         assert next(jobs).seconds == pytest.approx(first)
@@ -192,6 +195,13 @@ class TestTime:
         assert jobs.send(RESULTS[0]).seconds == pytest.approx(left * weights[1] / sum(weights[1:]))
         now = 999.0
         assert jobs.send(RESULTS[1]).seconds == 0
+
+    def test_a_gop_of_cheap_steps_gets_less(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("time.perf_counter", lambda: 7.0)
+        cheap = replace(BUDGET, step_cost=0.25)
+        jobs = jobs_of([BUDGET, cheap, cheap, cheap], seconds=60.0)
+        key, predicted, *_ = shared_efforts(LENGTHS)
+        assert jobs[0].seconds == pytest.approx(60 * key / (key + 3 * 0.25 * predicted))
 
     def test_a_gop_may_take_less(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("time.perf_counter", lambda: 7.0)
@@ -203,14 +213,15 @@ class TestTime:
         monkeypatch.setattr("time.perf_counter", lambda: 7.0)
         jobs = jobs_of(finished=2, seconds=10.0)
         # The clock stands still, so the last GOP gets all of it.
-        assert [job.seconds for job in jobs] == pytest.approx([10 / 5, 10])
+        assert [job.seconds for job in jobs] == pytest.approx([10 / 2, 10])
 
 
 class TestEfforts:
     @pytest.mark.parametrize("lengths", [(5,), (5, 5), (16, 16, 16, 9), (1, 30)])
     def test_one_in_the_mean_of_all_frames(self, lengths: tuple[int, ...]) -> None:
         efforts = shared_efforts(lengths)
-        assert np.average(efforts, weights=lengths) == pytest.approx(1)
+        frames = list(map(visited_frames, lengths))
+        assert np.average(efforts, weights=frames) == pytest.approx(1)
         assert len(set(efforts[1:])) <= 1
         if len(lengths) > 1:
             assert efforts[0] > 1.2 * efforts[1]

@@ -11,6 +11,7 @@ from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import UsageError
 from tests.encoder.test_budget import chains_of
 
@@ -47,6 +48,12 @@ class TestChains:
         # What is left where little changes is for the key GOP, and for its Gaussians.
         assert (idle[0].target_bytes or 0) > 1.5 * (wild[0].target_bytes or 0)
         assert idle[0].gaussians > 1.5 * wild[0].gaussians
+
+    def test_what_changes_takes_longer(self) -> None:
+        idle, wild = (self.plan([16] * 3, changed=changed, bpp=0.1) for changed in (0.0, 1.0))
+        assert idle[0].step_cost == wild[0].step_cost == 1
+        assert CHAIN.idle_step < idle[1].step_cost < wild[1].step_cost < 1
+        assert idle[1].step_cost == idle[2].step_cost
 
     def test_wall_time_bounds_the_gaussians(self) -> None:
         def gaussians(**settings: Any) -> int:

@@ -15,6 +15,7 @@ from gsvrcodec.encoder.rate import (
     expected_psnr,
     frame_visits,
     qscale_of,
+    visited_frames,
 )
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, CRF, RATE
@@ -123,3 +124,8 @@ class TestSlope:
     def test_more_bits_for_what_is_complex(self) -> None:
         wild = [FrameStats(0.1, False, 50.0, 300.0)] * 60
         assert bpp_at(wild, 1.0) > 1.3 * bpp_at(STATS, 1.0)
+
+
+def test_a_short_gop_takes_as_many_steps_as_a_longer_one() -> None:
+    assert visited_frames(1) == visited_frames(EFFORT.least_frames) == EFFORT.least_frames
+    assert visited_frames(100) == 100

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.optimise import Effort, optimise, visits
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
-from gsvrcodec.fit.relocate import reorder
+from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.start import random_start
 from gsvrcodec.render import render_frames
@@ -131,6 +131,25 @@ class TestPruning:
         recipe = replace(MAIN, relocations=())
         assert set(self.counts(Slope(0.0, 10**6), recipe)) == {150}
         assert set(self.counts(None, recipe)) == {150}
+
+
+@pytest.mark.parametrize(("settling", "times"), [(0, [4, 8, 16, 24]), (10, [4, 16]), (41, [4])])
+def test_relocations_wait_until_gaussians_have_settled(
+    settling: int, times: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = sample(making.BUNNY_SMALL, (96, 64), 4)
+    start = random_start(frames, 50, (8, 6, 4), np.random.default_rng(0))
+    effort, found = Effort(40), []
+
+    def noting(*args: Any) -> Any:
+        found.append(effort.steps)
+        return relocate(*args)
+
+    monkeypatch.setattr("gsvrcodec.fit.optimise.relocate", noting)
+    recipe = replace(MAIN, relocations=(0.1, 0.2, 0.4, 0.6), settling=settling)
+    field = Field(start, "hybrid", BACKEND)
+    optimise(field, footage(frames), recipe, effort, np.random.default_rng(0))
+    assert found == times
 
 
 class TestRates:
