@@ -77,9 +77,10 @@ class TestChains:
 class TestWorth:
     def test_what_lasts_is_stored_once(self, stored: EncodeResult) -> None:
         first, second, third, fourth = stored.gop_stats
-        assert second.bytes < 0.8 * first.bytes
-        assert fourth.bytes < 0.8 * third.bytes
-        assert second.psnr > first.psnr - 1
+        assert second.bytes < 0.6 * first.bytes
+        assert fourth.bytes < 0.6 * third.bytes
+        # Prediction does not pay by losing quality: three seeds had 30.4 to 30.9 dB.
+        assert min(second.psnr, fourth.psnr) > 30
         items = {item.name: item.bytes for item in inspect_bytes(stored.path)}
         assert items["mode"] > 0
         assert sum(items.values()) == stored.bytes
