@@ -6,11 +6,10 @@ numbers. Prints bits a pixel and the mean PSNR of both, and the means over all c
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -20,9 +19,9 @@ import click
 from gsvrcodec.video import open_video, reading_options
 from tests.benchmarks import bunny, x264
 from tests.benchmarks.clips import setting
-from tests.benchmarks.encodes import measure
+from tests.benchmarks.encodes import document, measure, save
 from tests.benchmarks.footage import Footage
-from tests.benchmarks.machine import command, commit, machine
+from tests.benchmarks.machine import machine
 
 NUMBERS = (20.0, 24.0, 28.0, 32.0, 36.0)
 
@@ -68,13 +67,7 @@ def main(
         mine, theirs = fmean(p.psnr for p in own), fmean(p.x264_psnr for p in own)
         print(f"{'mean':24}{number:5g}{'':9}{mine:8.2f}{'':9}{'':10}{theirs:8.2f}")
     if output is not None:
-        content: dict[str, Any] = {
-            "machine": machine(),
-            "commit": commit(),
-            "command": command("tests.benchmarks.crf"),
-        }
-        content |= {"frames": frames, "settings": added, "points": list(map(asdict, points))}
-        output.write_text(json.dumps(content, indent=1) + "\n")
+        save(output, document("tests.benchmarks.crf", added | {"frames": frames}, points))
 
 
 def measured(

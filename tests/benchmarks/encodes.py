@@ -151,8 +151,8 @@ def show(row: Row, name: str | None = None) -> None:
     )
 
 
-def document(module: str, common: Mapping[str, Any], rows: Iterable[Row]) -> dict[str, Any]:
-    """What a benchmark leaves behind: what ran where, and what came out."""
+def document(module: str, common: Mapping[str, Any], rows: Iterable[Any]) -> dict[str, Any]:
+    """What a benchmark leaves behind: what ran where, and what came out, a dataclass a row."""
     return {
         "machine": machine(),
         "commit": commit(),

@@ -14,11 +14,10 @@ source above, decoded below.
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -32,8 +31,9 @@ import gsvrcodec
 from gsvrcodec.metrics import luma
 from gsvrcodec.video import Rgb
 from tests.benchmarks.clips import setting
+from tests.benchmarks.encodes import document, save
 from tests.benchmarks.footage import read
-from tests.benchmarks.machine import command, commit, machine
+from tests.benchmarks.machine import machine
 from tests.benchmarks.moving import Mask, median_picture, moving
 
 #: Pixels of a strip across, and times that it is enlarged.
@@ -148,15 +148,7 @@ def main(
             cv2.imwrite(str(drawn), strip(source, coded, still))
     print(f"mean variance, decoded over source: {fmean(row.variance for row in rows):.2f}")
     if output is not None:
-        document = {
-            "machine": machine(),
-            "commit": commit(),
-            "command": command("tests.benchmarks.still"),
-            "frames": frames,
-            "settings": added,
-            "rows": [asdict(row) for row in rows],
-        }
-        output.write_text(json.dumps(document, indent=1) + "\n")
+        save(output, document("tests.benchmarks.still", added | {"frames": frames}, rows))
 
 
 def line(row: Noise) -> str:
