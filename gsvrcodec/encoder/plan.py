@@ -24,7 +24,6 @@ from gsvrcodec.encoder.rate import (
     bpp_at,
     bpp_for,
     expected_psnr,
-    need,
     qscale_of,
     wanted_bytes,
 )
@@ -117,14 +116,14 @@ def _gaussian_bits(chain: Chain) -> float:
 def _shares(
     stats_of: Sequence[Sequence[FrameStats]], gops: Sequence[int], total: float, option: str
 ) -> list[int]:
-    """Bytes of each chain of so many GOPs, by its length and the complexity of its frames."""
+    """Bytes of each chain of so many GOPs: as many bits as are worth the same in all of them."""
     spare = total - RATE.least_gop_bytes * sum(gops)
     if spare < 0:
         raise UsageError(
             f"{option} leaves {max(0, round(total))} bytes for {sum(gops)} GOPs, which need "
             f"{RATE.least_gop_bytes} each; raise it, use longer GOPs or a smaller picture"
         )
-    needs = np.array([need(own) for own in stats_of])
+    needs = np.array([bpp_at(own, 1.0) for own in stats_of])
     lengths = np.array([len(own) for own in stats_of])
     mean = float((needs * lengths).sum()) / int(lengths.sum())
     shares = lengths * np.clip(needs, mean / RATE.most_unequal, mean * RATE.most_unequal)
