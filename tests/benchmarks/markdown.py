@@ -20,6 +20,14 @@ def number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def origin_of(name: str, result: dict[str, Any]) -> str:
+    """Say which command on what machine a result comes from, and where it is."""
+    command = result.get("command", "python -m tests.benchmarks.bunny")
+    load = f", load {result['load']:.1f}" if "load" in result else ""
+    link = f"[{name}.json](../../tests/benchmarks/results/{name}.json)"
+    return f"`{command}` on {result['machine']}{load}; {link}."
+
+
 def settings_text(row: dict[str, Any]) -> str:
     """Return what tells a row from the others."""
     return ", ".join(f"{key} {value}" for key, value in row["settings"].items())

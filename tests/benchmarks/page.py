@@ -11,7 +11,8 @@ from statistics import fmean, median
 
 from gsvrcodec.report.curve import RateCurve
 from tests.benchmarks.clips import EQUAL_BITS
-from tests.benchmarks.markdown import number, settings_text, table
+from tests.benchmarks.markdown import number, origin_of, settings_text, table
+from tests.benchmarks.page_quality import quality_sections
 from tests.benchmarks.results_plots import plot_rates, plot_times
 from tests.benchmarks.results_read import (
     PUBLISHED_TIMES,
@@ -46,15 +47,8 @@ def origin(results: dict[str, Json], table: str) -> str:
         if name.startswith("bunny-") and any(
             row["table"] == table for row in result.get("rows", ())
         ):
-            return _origin(name, result)
+            return origin_of(name, result)
     raise KeyError(table)
-
-
-def _origin(name: str, result: Json) -> str:
-    command = result.get("command", "python -m tests.benchmarks.bunny")
-    load = f", load {result['load']:.1f}" if "load" in result else ""
-    link = f"[{name}.json](../../tests/benchmarks/results/{name}.json)"
-    return f"`{command}` on {result['machine']}{load}; {link}."
 
 
 def rate_section(results: dict[str, Json]) -> Iterator[str]:
@@ -84,7 +78,7 @@ def rate_section(results: dict[str, Json]) -> Iterator[str]:
         for name in ("rate", "rate-2s"):
             if rows_of(results, name):
                 yield f"* {origin(results, name)}"
-    yield f"* {_origin('bunny-references', reference)} Versions: {versions(reference)}."
+    yield f"* {origin_of('bunny-references', reference)} Versions: {versions(reference)}."
     yield ""
 
 
@@ -237,7 +231,7 @@ def interpolation_section(results: dict[str, Json]) -> Iterator[str]:
                     ["publication, mean of UVG", "31.16", "29.49", "-"],
                 ],
             )
-            yield f"* {_origin(name, result)}"
+            yield f"* {origin_of(name, result)}"
             yield ""
 
 
@@ -309,7 +303,7 @@ def clips_section(results: dict[str, Json]) -> Iterator[str]:
         for clip, rows in result.get("at_equal_bits", {}).items():
             yield from _equal_bits(clip, rows)
         yield from (f"* {line}" for line in (*result["summary"], *result["refused"]))
-        yield f"* {_origin(name, result)}"
+        yield f"* {origin_of(name, result)}"
         yield ""
 
 
@@ -360,6 +354,7 @@ def page(results: dict[str, Json]) -> str:
         *rate_section(results),
         *bd_section(results),
         *picture_section(),
+        *quality_sections(results),
         *time_section(results),
     ]
     for name, title in ABLATIONS.items():
