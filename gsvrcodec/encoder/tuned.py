@@ -137,9 +137,10 @@ class _Chain:
     #: effort for a frame of the first GOP, in that of other frames, because all of the chain gains
     key_effort: float = 2.0
     #: time of an optimiser step where nothing changes, in that of the key GOP; where all does it
-    #: takes as long. Without it a key GOP of few frames gets too little of a wall time: 48 frames
-    #: at CRF 26 and 0.5 s a frame, 0.15 / 0.4 / 0.6 / 1: soccer gains 1.2 / 1.4 / 0.9 / 0 dB at
-    #: equal size, cup 0 / 0.5 / - / 0, flower 0.1 / 0.1 / - / 0, bee -0.3 / -0.3 / - / 0
+    #: takes as long. With 1 a key GOP of few frames gets too little of a wall time. 48 frames at
+    #: CRF 26 and 0.5 s a frame, 0.15 / 0.3 / 0.45 gain over 1 at equal size: soccer 1.4 / 1.9 / 1.7
+    #: dB (0.6: 1.2), cup -0.1 / 0.4 / 0.6, flower 0.1 / 0.1 / 0.1, Bunny -0.2 / 0 / -0.1, bee -0.4 /
+    #: -0.2 / -0.4
     idle_step: float = 0.4
 
 
