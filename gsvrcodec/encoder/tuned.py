@@ -138,9 +138,9 @@ class _Chain:
     key_effort: float = 2.0
     #: time of an optimiser step where nothing changes, in that of the key GOP; where all does it
     #: takes as long. With 1 a key GOP of few frames gets too little of a wall time. 48 frames at
-    #: CRF 26 and 0.5 s a frame, 0.15 / 0.3 / 0.45 gain over 1 at equal size: soccer 1.4 / 1.9 / 1.7
-    #: dB (0.6: 1.2), cup -0.1 / 0.4 / 0.6, flower 0.1 / 0.1 / 0.1, Bunny -0.2 / 0 / -0.1, bee -0.4 /
-    #: -0.2 / -0.4
+    #: CRF 26 and 0.5 s a frame, 0.15 / 0.3 / 0.45 gain over 1 at equal size: soccer 1.4 / 1.9 /
+    #: 1.7 dB (0.6: 1.2), cup -0.1 / 0.4 / 0.6, flower 0.1 / 0.1 / 0.1, Bunny -0.2 / 0 / -0.1, bee
+    #: -0.4 / -0.2 / -0.4
     idle_step: float = 0.4
 
 
