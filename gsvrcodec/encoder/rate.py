@@ -90,12 +90,6 @@ def bpp_at(stats: Sequence[FrameStats], qscale: float) -> float:
     return float(slope ** (1 / (1 + RATE.fall)))
 
 
-def need(stats: Sequence[FrameStats]) -> float:
-    """Bits that frames should get, up to a factor."""
-    need: float = _complexity(stats) ** (RATE.evenness / RATE.fall)
-    return need
-
-
 def bit_weights(chain: Chain, stats: Sequence[FrameStats], psnr: float) -> list[float]:
     """Bits of each GOP of a chain, in those of its key GOP.
 
@@ -104,13 +98,13 @@ def bit_weights(chain: Chain, stats: Sequence[FrameStats], psnr: float) -> list[
         stats: statistics of every frame.
         psnr: quality of the pictures, dB.
     """
-    key = need(stats[chain[0].start : chain[0].stop])
+    key = _complexity(stats[chain[0].start : chain[0].stop])
     weights = [1.0]
     for gop in chain[1:]:
         own = stats[gop.start : gop.stop]
         changed = fmean(frame.changed_at(psnr) for frame in own)
         changing = CHAIN.idle_bits + CHAIN.changing_bits * changed
-        weights.append(changing * (need(own) / key) ** CHAIN.evenness)
+        weights.append(changing * (_complexity(own) / key) ** CHAIN.evenness)
     return weights
 
 

@@ -48,6 +48,14 @@ INTERPOLATION = "interpolation"
 LONG = ("slow", "rate")
 
 
+def pictures_of(clip: Path, frames: int | None) -> dict[str, Any]:
+    """Settings that encode the first pictures of any clip alone; of this one, cropped."""
+    common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
+    if clip.name == SOURCE.name:
+        common["crop"] = CROP
+    return common
+
+
 @click.command()
 @click.argument("tables", nargs=-1, type=click.Choice([*TABLES, INTERPOLATION]))
 @click.option("--frames", type=click.IntRange(min=2), help="The first ones only, to try it out.")
@@ -65,7 +73,7 @@ def main(
     print(machine())
     print(HEADING)
     params = PARAMS if frames is None else PARAMS * frames // 132
-    common = {"crop": CROP, "frames": frames, "audio": False}
+    common = pictures_of(SOURCE, frames)
     rows: list[Row] = []
     between: Interpolation | None = None
     with tempfile.TemporaryDirectory() as temporary:

@@ -21,7 +21,7 @@ import click
 from gsvrcodec.errors import GsvrError
 from gsvrcodec.report.reference import parse_reference
 from gsvrcodec.report.study import Study, study
-from gsvrcodec.video import Crop, open_video
+from gsvrcodec.video import open_video
 from tests.benchmarks import bunny, equal_bits
 from tests.benchmarks.encodes import HEADING, Row, document, measure, save, show
 from tests.benchmarks.machine import machine
@@ -123,21 +123,15 @@ def setting(text: str) -> tuple[str, Any]:
 def _table(table: str, clip: Path) -> list[dict[str, Any]]:
     """Return the settings of each row."""
     if table == EQUAL_BITS:
-        return equal_bits.settings(clip, _crop(clip))
+        return equal_bits.settings(clip)
     return TABLES[table]
-
-
-def _crop(clip: Path) -> Crop | None:
-    return bunny.CROP if clip.name == bunny.SOURCE.name else None
 
 
 def _settings(
     clip: Path, frames: int | None, settings: dict[str, Any], preset: str | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What all rows of a clip share, and what this one has of its own."""
-    common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
-    if (crop := _crop(clip)) is not None:
-        common["crop"] = crop
+    common = bunny.pictures_of(clip, frames)
     if not {"bpp", "crf"} & settings.keys():
         common["params"] = _params(clip, frames)
     if preset is not None:

@@ -17,7 +17,8 @@ from typing import Any
 import click
 
 from gsvrcodec.video import open_video, reading_options
-from tests.benchmarks import bunny, x264
+from tests.benchmarks import x264
+from tests.benchmarks.bunny import pictures_of
 from tests.benchmarks.clips import setting
 from tests.benchmarks.encodes import document, measure, save
 from tests.benchmarks.footage import Footage
@@ -74,9 +75,7 @@ def measured(
     clip: Path, numbers: tuple[float, ...], frames: int, added: dict[str, Any], folder: Path
 ) -> Iterator[Point]:
     """Yield a clip at each number."""
-    common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
-    if clip.name == bunny.SOURCE.name:
-        common["crop"] = bunny.CROP
+    common = pictures_of(clip, frames)
     with open_video(clip, **reading_options(common)) as video:
         footage = Footage(video.info, tuple(shot.rgb for shot in video))
     for number in numbers:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import click
 
 from gsvrcodec.metrics import ms_ssim_db
-from tests.benchmarks import bunny
+from tests.benchmarks.bunny import pictures_of
 from tests.benchmarks.clips import setting
 from tests.benchmarks.encodes import Row, document, measure, save
 from tests.benchmarks.footage import read
@@ -47,10 +46,7 @@ def main(
         folder.mkdir(parents=True, exist_ok=True)
         for clip in clips:
             path = folder / f"{clip.stem}.gsvr"
-            common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
-            if clip.name == bunny.SOURCE.name:
-                common["crop"] = bunny.CROP
-            row = measure("defaults", clip, path, added, common)
+            row = measure("defaults", clip, path, added, pictures_of(clip, frames))
             rows.append(row)
             moving[clip.name] = psnr_of_moving(clip, path)
             print(line(row, moving[clip.name]), flush=True)

@@ -9,7 +9,8 @@ from typing import Any
 from gsvrcodec.metrics import ms_ssim_db
 from gsvrcodec.report.curve import BdRate
 from gsvrcodec.report.study import Study
-from gsvrcodec.video import Crop, open_video
+from gsvrcodec.video import open_video, reading_options
+from tests.benchmarks.bunny import pictures_of
 
 #: Frames of each clip, if nothing else is asked for.
 FRAMES = 96
@@ -29,9 +30,9 @@ def seconds(width: int, height: int) -> float:
     return round(min(_MOST_SECONDS, width * height / _PIXELS_A_SECOND), 2)
 
 
-def settings(clip: Path, crop: Crop | None) -> list[Json]:
+def settings(clip: Path) -> list[Json]:
     """Return quality and time of each row of a clip."""
-    with open_video(clip, crop) as video:
+    with open_video(clip, **reading_options(pictures_of(clip, None))) as video:
         time = seconds(video.info.width, video.info.height)
     return [{"crf": crf, "time_budget": time} for crf in CRFS]
 

@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any, get_args
+from typing import get_args
 
 import click
 
 from gsvrcodec.encoder.settings import Preset
 from gsvrcodec.report.curve import RateCurve
-from tests.benchmarks import bunny
+from tests.benchmarks.bunny import pictures_of
 from tests.benchmarks.encodes import Row, document, measure, save
 from tests.benchmarks.machine import machine
 
@@ -65,9 +65,7 @@ def main(clips: tuple[Path, ...], frames: int, output: Path | None) -> None:
 
 def measured(clip: Path, frames: int, path: Path) -> Iterator[Point]:
     """Yield a clip by each preset."""
-    common: dict[str, Any] = {"frames": frames, "audio": False, "subtitles": False}
-    if clip.name == bunny.SOURCE.name:
-        common["crop"] = bunny.CROP
+    common = pictures_of(clip, frames)
 
     def encoded(preset: str, number: float) -> Row:
         return measure("presets", clip, path, {"preset": preset, "crf": number}, common)

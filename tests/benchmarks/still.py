@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 import click
 import cv2
@@ -30,6 +29,7 @@ from numpy.typing import NDArray
 import gsvrcodec
 from gsvrcodec.metrics import luma
 from gsvrcodec.video import Rgb
+from tests.benchmarks.bunny import pictures_of
 from tests.benchmarks.clips import setting
 from tests.benchmarks.encodes import document, save
 from tests.benchmarks.footage import read
@@ -130,8 +130,7 @@ def main(
     for clip in clips:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.gsvr"
-            common: dict[str, Any] = {"audio": False, "subtitles": False, "frames": frames}
-            result = gsvrcodec.encode(clip, path, **(common | added))
+            result = gsvrcodec.encode(clip, path, **(pictures_of(clip, frames) | added))
             footage, ours = read(clip, path)
             coded = lumas(list(ours.pictures()))
         source, still = lumas(footage.pictures), still_pixels(footage.pictures)

@@ -13,7 +13,7 @@ class TestEqualBits:
         assert [equal_bits.seconds(*size) for size in sizes] == [1.0, 0.33, 2.0]
 
     def test_a_row_for_each_quality(self) -> None:
-        found = equal_bits.settings(making.NOISE, None)
+        found = equal_bits.settings(making.NOISE)
         assert [row["crf"] for row in found] == list(equal_bits.CRFS)
         assert {row["time_budget"] for row in found} == {0.02}
 

@@ -44,7 +44,7 @@ class TestBitWeights:
         shares = [(weight - CHAIN.idle_bits) / CHAIN.changing_bits for weight in weights]
         assert shares == pytest.approx([0.1, 0.1, 0.2, 0.3, 0.9, 0.9])
 
-    def test_they_follow_the_need(self) -> None:
+    def test_they_follow_the_complexity(self) -> None:
         (chain,) = chains_of([4, 4])
         easy, hard = (
             bit_weights(chain, [*STATS[:4], *[FrameStats(0.1, False, change, 300.0)] * 4], 36.0)[1]
