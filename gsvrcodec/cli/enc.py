@@ -269,7 +269,7 @@ def command(
 
     \b
     gsvrenc in.mp4 out.gsvr
-    gsvrenc --preset fast --frames 100 in.mkv out.gsvr
+    gsvrenc --preset fastest --frames 100 in.mkv out.gsvr
     gsvrenc --target-size 10MB --preset slow --verify in.mp4 out.gsvr
     ffmpeg -i in.mp4 -f yuv4mpegpipe - | gsvrenc - out.gsvr
     gsvrenc --params 3M --time-budget 2 --crop 1280:640 in.mp4 out.gsvr

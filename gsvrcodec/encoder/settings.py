@@ -9,7 +9,7 @@ from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.options import Deform, FitOptions, Flow, Profile
 from gsvrcodec.limits import Limits
 
-Preset = Literal["fastest", "fast", "medium", "slow", "slowest"]
+Preset = Literal["fastest", "medium", "slow", "slowest"]
 Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
 DEFAULT_CRF = 26.0

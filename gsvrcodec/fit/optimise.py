@@ -187,7 +187,7 @@ def optimise(
                 settled = effort.steps + recipe.settling
                 more = 0
                 if slope is not None and spent >= recipe.counted:
-                    more = _missing(field, footage, slope)
+                    more = _missing(field, footage, slope, effort.expected_steps)
                 moved = relocate(field, small, footage.taus, size, rng, recipe.moving, more)
                 adam.rearrange(*moved)
                 if price is not None:
@@ -213,10 +213,10 @@ def optimise(
         effort.advance()
 
 
-def _missing(field: Field, footage: Footage, slope: Slope) -> int:
+def _missing(field: Field, footage: Footage, slope: Slope, steps: float) -> int:
     """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
     now = len(field.raw["position"])
-    wanted = slope.gaussians(footage.pixels, _squared_error(field, footage))
+    wanted = slope.gaussians(footage.pixels, _squared_error(field, footage), steps)
     return min(max(wanted, now // 2), 2 * now) - now
 
 

@@ -26,14 +26,16 @@ class Slope:
         """Squared 8-bit codes that a bit of a Gaussian has to save in the frames of the GOP."""
         return bit_worth(self.qscale) / self.lasting
 
-    def gaussians(self, pixels: int, error: float) -> int:
+    def gaussians(self, pixels: int, error: float, steps: float) -> int:
         """Return the number of Gaussians at which one more would save just enough.
 
         Args:
             pixels: Of all frames that show the GOP.
             error: Mean squared error so far, 8-bit codes.
+            steps: Of the whole fit; each Gaussian is worth more after many of them.
         """
         count = SLOPE.fall * error * pixels / (SLOPE.gaussian_bits * self.bit)
+        count *= (steps / SLOPE.steps) ** SLOPE.growth
         return max(1, round(min(count, self.most)))
 
     def worthwhile(self, gop: Gop, sensitivities: Gop) -> NDArray[np.bool_]:

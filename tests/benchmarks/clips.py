@@ -33,13 +33,13 @@ PARAMS = 23_000
 TABLES: Mapping[str, list[dict[str, Any]]] = {
     "quality": [{"time_budget": 2.0}],
     "gop": [
-        {"preset": "fast", "gop": gop, "gop_max": 100} for gop in (15, 30, 60, 100, "adaptive")
+        {"preset": "fastest", "gop": gop, "gop_max": 100} for gop in (15, 30, 60, 100, "adaptive")
     ],
     "seeds": [{"preset": "fastest", "seed": seed} for seed in range(5)],
     "profile": [
         {"time_budget": 1.0, "profile": profile, "gop": 24} for profile in ("main", "paper")
     ],
-    "recipe": [{"preset": "fast", "bpp": 0.1}],
+    "recipe": [{"preset": "fastest", "bpp": 0.1}],
     "rate": [{"time_budget": 2.0, "bpp": bpp} for bpp in (0.04, 0.1, 0.25, 0.5)],
 }
 #: The table whose settings depend on the clip.

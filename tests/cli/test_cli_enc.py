@@ -157,7 +157,7 @@ class TestBadInput:
         "args",
         [
             ["--params", "3M", "--gaussians", "2k"],
-            ["--preset", "fast", "--time-budget", "2"],
+            ["--preset", "fastest", "--time-budget", "2"],
             ["--gop-min", "30", "--gop-max", "20"],
             ["--time-budget", "0"],
             ["--time-budget", "nan"],

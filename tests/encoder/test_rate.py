@@ -60,7 +60,7 @@ def test_a_high_quality_takes_more_visits() -> None:
     assert frame_visits(EncodeSettings(crf=CRF.at + 5)) == usual
     finer = frame_visits(EncodeSettings(crf=CRF.at - CRF.octave))
     assert finer == pytest.approx(2 * usual)
-    assert frame_visits(EncodeSettings(preset="fast")) < usual
+    assert frame_visits(EncodeSettings(preset="fastest")) < usual
 
 
 class TestExpected:

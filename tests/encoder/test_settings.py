@@ -58,7 +58,7 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"bitrate": -5}, "`bitrate` must be above 0 bits a second"),
         ({"workers": -1}, "`workers` must be at least 0"),
         ({"gop_min": 9, "gop_max": 8}, "`gop_min=9` is more than `gop_max=8`"),
-        ({"preset": "quick"}, "`preset` must be one of fastest, fast, medium, slow, slowest"),
+        ({"preset": "quick"}, "`preset` must be one of fastest, medium, slow, slowest"),
         ({"profile": "ours"}, "`profile` must be one of main, paper, not 'ours'"),
         ({"deform": "none"}, "`deform` must be one of hybrid, triplane, polynomial"),
         ({"flow": "farneback"}, "`flow` must be one of dis, raft"),

@@ -16,7 +16,7 @@ from tests.cli.tools import start
 #: Two chains of two GOPs, which take about as long as the libraries take to load.
 OPTIONS = (
     *("-q", "--frames", "16", "--gop", "4", "--keyint", "0.5"),
-    *("--gaussians", "200", "--preset", "fast"),
+    *("--gaussians", "200", "--preset", "fastest"),
     *("--pack", "deflate", "--threads", "2"),
 )
 

@@ -23,18 +23,22 @@ class TestNumber:
     def test_one_more_would_save_its_bits(self) -> None:
         """At error = c * N^-fall, the saving of one more is fall * error * pixels / N."""
         slope, pixels, error = Slope(2.0, 10**9), 10**6, 40.0
-        count = slope.gaussians(pixels, error)
+        count = slope.gaussians(pixels, error, SLOPE.steps)
         saving = SLOPE.fall * error * pixels / count
         assert saving == pytest.approx(SLOPE.gaussian_bits * bit_worth(2.0), rel=1e-3)
 
     def test_more_where_others_build_on_them(self) -> None:
-        alone = Slope(2.0, 10**9).gaussians(10**6, 40.0)
-        lasting = Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0)
+        alone = Slope(2.0, 10**9).gaussians(10**6, 40.0, 500)
+        lasting = Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0, 500)
         assert lasting == pytest.approx(3 * alone, abs=2)
 
+    def test_more_in_a_long_fit(self) -> None:
+        short, long = (Slope(2.0, 10**9).gaussians(10**6, 40.0, steps) for steps in (200, 6400))
+        assert long == pytest.approx(32**SLOPE.growth * short, abs=2)
+
     def test_bounds(self) -> None:
-        assert Slope(0.01, 500).gaussians(10**6, 40.0) == 500
-        assert Slope(16.0, 500).gaussians(10, 0.0) == 1
+        assert Slope(0.01, 500).gaussians(10**6, 40.0, 500) == 500
+        assert Slope(16.0, 500).gaussians(10, 0.0, 500) == 1
 
 
 class TestWorthwhile:
