@@ -207,7 +207,7 @@ def optimise(
         gradients = field.gradients(tensors, tau, targets[index], size, backdrop)
         if price is not None and spent >= recipe.coarse:
             price.add(field, gradients)
-        patience = min(1.0, math.sqrt(recipe.rated_steps / effort.expected_steps))
+        patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
         adam.step(gradients, recipe.decay(spent) * patience * warm_up, tensors)
         effort.advance()

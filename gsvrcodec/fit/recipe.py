@@ -16,7 +16,7 @@ class Recipe:
     #: rates of motion and of position offsets are px of the frame, and those of positions are px of
     #: the axes of a Gaussian of mean scale; otherwise they are halves of the frame
     in_pixels: bool
-    #: steps of the longest fit that the rates suit; n times as many steps take rates / sqrt(n)
+    #: steps of the longest fit that the rates suit; n times as many take rates / n^0.25
     rated_steps: float
     betas: tuple[float, float]  #: decay of Adam's two moments
     decay: Callable[[float], float]  #: factor of the rates, by the fraction of the effort spent
@@ -39,12 +39,12 @@ def _cosine(spent: float) -> float:
     return 0.02 + 0.98 * (1 + math.cos(math.pi * spent)) / 2
 
 
-#: Six clips (Bunny and those of `tests/benchmarks`), 48 frames at 0.1 bpp and preset fast, gave
+#: Six clips (Bunny and those of `tests/benchmarks`), 48 frames at 0.1 bpp and 25 visits, gave
 #: +0.73 dB in the mean, +0.34 to +1.1 dB by clip, over scale and rotation 0.08, colour 0.02, coarse
 #: 0.5, relocations at 0.15, 0.3 and 0.45, and tuning of 0.12: `clips --table recipe`,
 #: clips-recipe.json against clips-recipe-before.json.
 #:
-#: Bee, soccer, flower and Bunny, 16 frames at 0.06 to 0.12 bpp and preset fast, gave +0.43 dB in
+#: Bee, soccer, flower and Bunny, 16 frames at 0.06 to 0.12 bpp and 25 visits, gave +0.43 dB in
 #: the mean of two seeds for what came after it: steps of positions along the axes of the Gaussians
 #: (+0.15 dB); rates x1.4 that fall to the power of 1.5 instead of linearly, with a warm-up (+0.2
 #: dB; without it flower loses 0.3 dB for good in its first 16 steps, by two of four seeds; x2 loses
@@ -55,6 +55,12 @@ def _cosine(spent: float) -> float:
 #: A fit of few steps leaves relocations out. 8 frames of six clips, 10 / 20 visits: 20 steps
 #: between two of them gain 0.2 / 0.05 dB and take less time, 12 steps 0.1 / 0.1 dB; 20 steps and
 #: 0.15 of the Gaussians moving 0.1 / -0.1 dB.
+#:
+#: Long fits take smaller rates. 24 frames at CRF 28, gain at equal size over preset medium with
+#: rates / sqrt(n) from 700 / 1400 / 2800 steps on: slow 0.42 / 0.55 / 0.57 dB for bee, Bunny,
+#: flower and soccer (Bunny 0.74 / 0.73 / 0.53), medium 0.04 / 0.12 / - (Bunny 0 / -0.25 / -);
+#: slowest, flower, from 700 / 2000 steps on -0.14 / 0.57 dB. rates / n^0.25 from 700 steps on are
+#: like those from 1000, 1570 and 2600 steps on at the three presets.
 #:
 #: Gaussians that are not worth their bits leave three times while there is effort left, each time
 #: before or long after a relocation, for new ones are worth nothing yet. 24 frames at CRF 28 and 40

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,7 @@ class Slope:
             steps: Of the whole fit; each Gaussian is worth more after many of them.
         """
         count = SLOPE.fall * error * pixels / (SLOPE.gaussian_bits * self.bit)
-        count *= (steps / SLOPE.steps) ** SLOPE.growth
+        count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         return max(1, round(min(count, self.most)))
 
     def worthwhile(self, gop: Gop, sensitivities: Gop) -> NDArray[np.bool_]:

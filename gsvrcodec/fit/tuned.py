@@ -76,7 +76,7 @@ class _Tracks:
 
 @dataclass(frozen=True, slots=True)
 class _Relocation:
-    """Weak Gaussians moved to where the error is. Six clips, 0.1 bpp, preset fast.
+    """Weak Gaussians moved to where the error is. Six clips, 0.1 bpp, 25 visits.
 
     A share of 0.05 or 0.15 costs 0.1 dB.
     """
@@ -95,12 +95,12 @@ class _Prediction:
     floor: float = 0.05  #: least sensitivity, in the mean of all Gaussians
     #: a Gaussian is kept if its change is worth less than so many bits: what is kept costs nothing,
     #: does not flicker from GOP to GOP, and leaves the steps to the others. Soccer, 48 frames at
-    #: CRF 27: 500 +0.28 dB at equal size over 160. 38 frames at CRF 28 and preset fast: 160 / 320 /
+    #: CRF 27: 500 +0.28 dB at equal size over 160. 38 frames at CRF 28 and 25 visits: 160 / 320 /
     #: 640 take 67 / 53 / 43 kB for a GOP at 31.1 dB, and its still areas change by 3.6 / 2.3 / 1.7
     #: squared codes where it begins. Bee, 30 frames: 640 +0.03 dB, 1280 -0.3 dB
     kept_bits: float = 500.0
     #: the same where a size is to be met, which bits that are not taken would leave unused. Soccer,
-    #: 40 frames at 0.1 bpp and preset fast: 500 takes 79 % of the size, 160 97 %, at 0.06 dB more
+    #: 40 frames at 0.1 bpp and 25 visits: 500 takes 79 % of the size, 160 97 %, at 0.06 dB more
     kept_bits_sized: float = 160.0
     #: most factor of these if the wall time does not suffice for more changes. 36 frames of soccer
     #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is at
@@ -159,7 +159,7 @@ class _Steps:
 
 @dataclass(frozen=True, slots=True)
 class _Slope:
-    """How many Gaussians a slope is worth. Six clips at CRF 28, 24 frames, preset fast."""
+    """How many Gaussians a slope is worth. Six clips at CRF 28, 24 frames, 25 visits."""
 
     #: power by which the squared error falls with the number of Gaussians
     fall: float = 0.7
@@ -178,7 +178,7 @@ class _Staged:
     """Staged quantisation.
 
     Bunny, 24 frames, 15 000 Gaussians: +0.35 dB at equal size. Effort: first GOPs of six clips at
-    0.1 bpp and preset fast; 0.05 is as good, 0.12 costs 0.05 dB, 0.2 costs 0.25 dB. Rates: the same
+    0.1 bpp and 25 visits; 0.05 is as good, 0.12 costs 0.05 dB, 0.2 costs 0.25 dB. Rates: the same
     without soccer and driving; from 0.016 to 0.054 PSNR differs by 0.02 dB.
     """
 

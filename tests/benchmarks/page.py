@@ -350,6 +350,7 @@ def page(results: dict[str, Json]) -> str:
         "RGB, from the final file. All encoders get the same RGB frames, converted to YCbCr 4:2:0",
         'where they need it; "from YCbCr" gives them the source as it is, which spares them that',
         'conversion. "tune psnr" is x264 without its settings for the eye, which cost PSNR.',
+        "Preset fast, in older tables, visited each frame 25 times.",
         "",
         *rate_section(results),
         *bd_section(results),

@@ -52,7 +52,7 @@ class TestRealClips:
         measured = report(source, target)
         assert measured.psnr_rgb == pytest.approx(result.psnr, abs=0.02)
         assert measured.psnr_rgb > LEAST_PSNR[source]
-        assert abs(result.float_psnr - result.psnr) < 0.3
+        assert abs(result.float_psnr - result.psnr) < 0.4
         assert measured.bpp == pytest.approx(result.bpp)
         assert result.bytes == target.stat().st_size
         assert result.path == target

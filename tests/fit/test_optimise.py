@@ -212,7 +212,7 @@ class TestRates:
 
         rated = int(MAIN.rated_steps)
         assert first_move(rated // 7) == pytest.approx(first_move(rated))
-        assert first_move(4 * rated) == pytest.approx(first_move(rated) / 2, rel=1e-3)
+        assert first_move(16 * rated) == pytest.approx(first_move(rated) / 2, rel=1e-3)
 
 
 class TestEffort:
