@@ -92,7 +92,7 @@ class TestWorth:
             result = gsvrcodec.encode(film, tmp_path / f"{keyint}.gsvr", **settings)
             qualities.append(result.psnr)
             sizes.append(result.bpp)
-        assert sizes == pytest.approx([0.6, 0.6], rel=0.04)
+        assert sizes == pytest.approx([0.6, 0.6], rel=0.08)
         assert qualities[1] > qualities[0] + 1
 
 
