@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -52,14 +54,23 @@ class CorruptError(GsvrError, ValueError):
         message: What is wrong, one sentence without a full stop.
         chunk: Type of the chunk that breaks the rule; None = not known.
         offset: Byte offset of that chunk in the file; None = not known.
+        section: Section of the spec that has the rule, such as "5.1"; None = not known.
     """
 
     exit_code: ClassVar[int] = 3
 
-    def __init__(self, message: str, *, chunk: str | None = None, offset: int | None = None):
+    def __init__(
+        self,
+        message: str,
+        *,
+        chunk: str | None = None,
+        offset: int | None = None,
+        section: str | None = None,
+    ):
         self.message = message
         self.chunk = chunk
         self.offset = offset
+        self.section = section
         place = f"chunk {chunk}" if chunk is not None else ""
         if offset is not None:
             place += f"{' ' if place else ''}at byte {offset}"
@@ -71,7 +82,18 @@ class CorruptError(GsvrError, ValueError):
             self.message,
             chunk=chunk if self.chunk is None else self.chunk,
             offset=offset if self.offset is None else self.offset,
+            section=self.section,
         )
+
+
+@contextmanager
+def spec_section(number: str) -> Iterator[None]:
+    """Add the section of the spec to a `CorruptError` that has none; also a decorator."""
+    try:
+        yield
+    except CorruptError as error:
+        error.section = error.section or number
+        raise
 
 
 class NotGsvrError(CorruptError):

@@ -126,7 +126,8 @@ def unpack_planes(
         try:
             codes = decode_plane(entry.codec, data, *size, quantiser.bits, limits, stack.prior)
         except CorruptError as error:
-            raise CorruptError(f"plane {entry.name}: {error.message}") from error
+            what = f"plane {entry.name}: {error.message}"
+            raise CorruptError(what, section=error.section) from error
         stack.append(codes)
         if attribute.grid not in ("xy", "xt", "yt"):
             codes = codes.reshape(-1)[: shape.samples(attribute.grid)]
@@ -137,7 +138,7 @@ def unpack_planes(
     }
     refinements = parse_table(payload[offset : offset + TABLE_BYTES])
     if refinements and not shape.gaussians:
-        raise CorruptError("a refinement without new Gaussians")
+        raise CorruptError("a refinement without new Gaussians", section="5.6")
     bits = bits_of(values, refinements)
     each = np.array([own for name, own in bits.items() for _ in coded[name]], np.int64)
     numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel())

@@ -7,7 +7,7 @@ import zlib
 from dataclasses import dataclass
 from mmap import mmap
 
-from gsvrcodec.errors import CorruptError, NotGsvrError
+from gsvrcodec.errors import CorruptError, NotGsvrError, spec_section
 
 #: Payload of a chunk: bytes in memory, or a memory-mapped file for a large payload.
 Payload = bytes | mmap
@@ -26,6 +26,8 @@ STREAMS_TYPE = b"strm"
 CRITICAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE})
 #: Types that only the writer itself may write; `add_auxiliary` refuses them.
 STRUCTURAL_TYPES = frozenset({HEAD_TYPE, GOP_TYPE, INDEX_TYPE, END_TYPE})
+#: Auxiliary types of which a file has at most one.
+SINGLE_TYPES = (SETTINGS_TYPE, METADATA_TYPE)
 
 _FIELDS = struct.Struct("<4sQ")
 _CRC = struct.Struct("<I")
@@ -87,6 +89,7 @@ def chunk_bytes(kind: bytes, payload: bytes) -> bytes:
     return b"".join(chunk_parts(kind, payload))
 
 
+@spec_section("3")
 def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:
     """Parse and check a chunk head read at `offset`; the caller checks the length against the file.
 
@@ -102,6 +105,7 @@ def parse_chunk_head(head: bytes, offset: int) -> ChunkEntry:
     return ChunkEntry(kind, offset, size)
 
 
+@spec_section("3")
 def check_payload(entry: ChunkEntry, data: bytes) -> bytes:
     """Check the CRC behind a payload and return the payload; `data` is payload and CRC.
 
@@ -115,6 +119,7 @@ def check_payload(entry: ChunkEntry, data: bytes) -> bytes:
     return payload
 
 
+@spec_section("2")
 def check_signature(start: bytes) -> None:
     """Check the first bytes of a file.
 

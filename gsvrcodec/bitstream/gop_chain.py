@@ -134,6 +134,7 @@ class GopUnpacker:
             f"{error.message}; the GOP at frame {first} is predicted from this one",
             chunk=error.chunk,
             offset=error.offset,
+            section=error.section,
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gsvrcodec.bitstream.chunk import GOP_TYPE, ChunkEntry
 from gsvrcodec.bitstream.header import VERSION_MINOR, Header
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.model.attributes import GopShape
 
 _SUMMARY = struct.Struct("<QIIqqQI")
@@ -28,6 +28,8 @@ GOP_HEAD_BYTES = _SUMMARY.size + _SHAPE.size
 
 #: Bound of timestamps and frame numbers: the sum of two of them does not overflow an int64.
 TICKS_BOUND = 2**62
+#: Bound of the ticks from the first to the last frame of a GOP: their double is exact in binary64.
+SPAN_BOUND = 2**52
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +72,7 @@ class GopSummary:
             self.reference,
         )
 
+    @spec_section("5.1")
     def check(self) -> None:
         """Raise a CorruptError if a field breaks a rule that needs no other GOP to check."""
         if self.frames < 1:
@@ -78,6 +81,8 @@ class GopSummary:
             raise CorruptError(f"first frame is {self.first_frame}")
         if not -TICKS_BOUND < self.start_pts <= self.last_pts < TICKS_BOUND:
             raise CorruptError(f"timestamps {self.start_pts} to {self.last_pts}")
+        if self.last_pts - self.start_pts >= SPAN_BOUND:
+            raise CorruptError(f"GOP from timestamp {self.start_pts} to {self.last_pts}")
         if (self.frames == 1) != (self.start_pts == self.last_pts):
             raise CorruptError(
                 f"{self.frames} frames from timestamp {self.start_pts} to {self.last_pts}"
@@ -87,6 +92,7 @@ class GopSummary:
         if self.reference > self.first_frame:
             raise CorruptError(f"reference {self.reference} frames before frame {self.first_frame}")
 
+    @spec_section("5.1")
     def check_follows(self, previous: GopSummary | None) -> None:
         """Check that this GOP directly follows `previous`; None = this GOP must be the first.
 
@@ -101,6 +107,7 @@ class GopSummary:
                 f"timestamp {self.start_pts} does not come after {previous.last_pts}"
             )
 
+    @spec_section("5.1")
     def check_reference(self, first_frames: Container[int]) -> None:
         """Check that the reference is one of the GOPs before, given by their first frames.
 
@@ -156,6 +163,7 @@ class GopHead(GopSummary):
             **{name: getattr(self, name) for name in _FIELDS}, offset=chunk.offset, size=chunk.size
         )
 
+    @spec_section("4")
     def check_maxima(self, header: Header) -> None:
         """Raise a CorruptError if the GOP exceeds a maximum of the header.
 
@@ -196,6 +204,7 @@ def unpack_summary(data: bytes, chunk: ChunkEntry) -> GopEntry:
     return entry
 
 
+@spec_section("5.1")
 def parse_gop_head(payload: bytes) -> GopHead:
     """Parse the head at the start of a GOP's payload; its first 72 bytes suffice.
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories, pack_planes, unpack_planes
 from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
 from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, GopShape
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
@@ -56,7 +57,8 @@ class GopContent:
         if len(reference) != len(self.carried.mode):
             raise CorruptError(
                 f"the reference has {len(reference)} Gaussians, "
-                f"the GOP expects {len(self.carried.mode)}"
+                f"the GOP expects {len(self.carried.mode)}",
+                section="5.5",
             )
         return carry_over(reference, (frames, len(self.pts)), self.carried, self.new)
 
@@ -175,12 +177,16 @@ def _parse(
     if (int(pts[-1]), int(durations[-1])) != (head.last_pts, head.last_duration):
         raise CorruptError(
             f"last frame at {pts[-1]} for {durations[-1]} ticks, "
-            f"the GOP's head says {head.last_pts} for {head.last_duration}"
+            f"the GOP's head says {head.last_pts} for {head.last_duration}",
+            section="5.2",
         )
     entries, offset = parse_plane_table(payload, offset, head.planes, head.shape.planes())
+    if not header.image_codecs and any(entry.codec in IMAGE_CODECS for entry in entries):
+        raise CorruptError("PNG or JPEG XL in a file whose header has not their flag", section="4")
     return head, pts, durations, entries, offset
 
 
+@spec_section("5.5")
 def _carried(values: dict[str, Float32Array], head: GopHead) -> Carried:
     """How the Gaussians of the reference go on; checks that modes and counts agree."""
     found = {field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()}

@@ -6,28 +6,25 @@ import struct
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.limits import Limits
 
-VERSION_MAJOR = 0
-VERSION_MINOR = 6
+VERSION_MAJOR = 1
+VERSION_MINOR = 0
 
-#: Must-understand flag: Gaussians are drawn on the levels of a pyramid. Set since version 0.3.
-PYRAMID_FLAG = 1
-#: Must-understand flag: GOPs may be predicted from earlier ones. Set since version 0.5.
-PREDICTION_FLAG = 4
-#: Must-understand flag: values of new Gaussians are refined. Set since version 0.6.
-REFINEMENT_FLAG = 8
-#: The must-understand flags of this version; a file must have all of them set.
-KNOWN_REQUIRED_FLAGS = PYRAMID_FLAG | PREDICTION_FLAG | REFINEMENT_FLAG
-
-#: Flag that may be ignored: planes coded as PNG or JPEG XL occur.
+#: Must-understand flags that this version knows: none.
+KNOWN_REQUIRED_FLAGS = 0
+#: Flag that may be ignored: planes coded as PNG or JPEG XL may occur.
 IMAGE_CODECS_FLAG = 1
+#: Flag that may be ignored: the file was written front to back, and may end without an index.
+STREAM_FLAG = 2
 
-#: The oldest minor version that this decoder reads; older GOPs have another layout.
-_OLDEST_MINOR = 6
+#: A maximum of the header that is not known: as great as the field allows.
+UNKNOWN_MAXIMUM = 2**32 - 1
+UNKNOWN_GRID = (2**16 - 1,) * 3
 
 _VERSION = struct.Struct("<HH")
+_FLAGS = struct.Struct("<I")
 _LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
 HEADER_BYTES = _LAYOUT.size
 
@@ -63,9 +60,10 @@ class Header:
     #: must-understand flags: a reader refuses a file with an unknown bit set
     flags_required: int = KNOWN_REQUIRED_FLAGS
     flags_optional: int = 0  #: flags that a reader may ignore
-    max_gaussians: int = 0  #: most Gaussians in a GOP, those carried over included
-    max_gop_frames: int = 0  #: most frames in a GOP
-    max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt of a GOP
+    #: most Gaussians in a GOP, those carried over included; `UNKNOWN_MAXIMUM` = not known
+    max_gaussians: int = 0
+    max_gop_frames: int = 0  #: most frames in a GOP; `UNKNOWN_MAXIMUM` = not known
+    max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt; `UNKNOWN_GRID` = not known
     frames: int = 0  #: frames in the file, 0 = not known (the writer was not closed)
     gops: int = 0  #: GOPs in the file, 0 = not known
 
@@ -78,6 +76,11 @@ class Header:
     def image_codecs(self) -> bool:
         """Whether planes coded as PNG or JPEG XL may occur."""
         return bool(self.flags_optional & IMAGE_CODECS_FLAG)
+
+    @property
+    def stream(self) -> bool:
+        """Whether the file was written front to back, and may end without an index."""
+        return bool(self.flags_optional & STREAM_FLAG)
 
     def to_bytes(self) -> bytes:
         """The payload of the header chunk, always HEADER_BYTES long.
@@ -118,12 +121,12 @@ class Header:
             raise ValueError(f"a header field is out of range: {error}") from error
 
 
+@spec_section("4")
 def parse_header(payload: bytes, limits: Limits) -> Header:
     """Read and check the payload of a header chunk.
 
     Raises:
-        UnsupportedError: Another major version, an unknown must-understand flag, or a version
-            before 0.5.
+        UnsupportedError: Another major version, or an unknown must-understand flag.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -132,38 +135,34 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
     major, minor = _VERSION.unpack_from(payload)
     if major != VERSION_MAJOR:
         raise UnsupportedError(
-            f"the file has bitstream version {major}.{minor}, "
-            f"this decoder reads {VERSION_MAJOR}.x (written for {VERSION_MAJOR}.{VERSION_MINOR})"
-        )
-    if minor < _OLDEST_MINOR:
-        raise UnsupportedError(
-            f"the file has bitstream version {major}.{minor}; this decoder reads "
-            f"{VERSION_MAJOR}.{_OLDEST_MINOR} and later: encode the video anew"
+            f"the file has bitstream version {major}.{minor}, this decoder reads "
+            f"{VERSION_MAJOR}.x (written for {VERSION_MAJOR}.{VERSION_MINOR})"
+            + ": encode the video anew"
+            * (major < VERSION_MAJOR)
         )
     # A newer minor version may append fields; in our own version the length is fixed.
     newer = minor > VERSION_MINOR
     if len(payload) < HEADER_BYTES or (len(payload) > HEADER_BYTES and not newer):
         raise CorruptError(f"header of {len(payload)} bytes, expected {HEADER_BYTES}")
-    header = _unpack(payload)
-    unknown = header.flags_required & ~KNOWN_REQUIRED_FLAGS
+    # Before all other fields: what they mean may depend on the flags.
+    (required,) = _FLAGS.unpack_from(payload, _VERSION.size)
+    unknown = required & ~KNOWN_REQUIRED_FLAGS
     if unknown:
         raise UnsupportedError(
             f"the file needs features this decoder does not know (flags {unknown:#010x}, "
-            f"version {header.version}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
+            f"version {major}.{minor}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
         )
-    if header.flags_required != KNOWN_REQUIRED_FLAGS:
-        raise CorruptError(
-            f"flags {header.flags_required:#010x} in a file of version {header.version}, "
-            f"expected {KNOWN_REQUIRED_FLAGS:#010x}"
-        )
+    header = _unpack(payload)
     problem = _problem(header)
     if problem:
         raise CorruptError(problem)
     limits.check("width", header.width, "the width")
     limits.check("height", header.height, "the height")
     limits.check("pixels", header.width * header.height, "the number of pixels")
-    limits.check("gaussians", header.max_gaussians, "the number of Gaussians in a GOP")
-    limits.check("gop_frames", header.max_gop_frames, "the number of frames in a GOP")
+    if header.max_gaussians != UNKNOWN_MAXIMUM:
+        limits.check("gaussians", header.max_gaussians, "the number of Gaussians in a GOP")
+    if header.max_gop_frames != UNKNOWN_MAXIMUM:
+        limits.check("gop_frames", header.max_gop_frames, "the number of frames in a GOP")
     return header
 
 

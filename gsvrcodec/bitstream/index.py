@@ -14,7 +14,7 @@ from gsvrcodec.bitstream.chunk import (
     is_type,
 )
 from gsvrcodec.bitstream.gop_head import SUMMARY_BYTES, GopEntry, unpack_summary
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.limits import Limits
 
 _COUNT = struct.Struct("<I")
@@ -47,6 +47,7 @@ def index_payload(chunks: Sequence[ChunkEntry], gops: Sequence[GopEntry]) -> byt
     return b"".join(parts)
 
 
+@spec_section("9")
 def parse_index(
     payload: bytes, start: int, end: int, limits: Limits
 ) -> tuple[list[ChunkEntry], list[GopEntry]]:
@@ -80,8 +81,10 @@ def parse_index(
         if offset > end:
             raise CorruptError(f"index lists a chunk of {size} bytes past byte {end}")
         chunks.append(chunk)
+        summary = payload[position + _ENTRY.size : position + ENTRY_BYTES]
+        if kind != GOP_TYPE and any(summary):
+            raise CorruptError(f"index has a summary of a chunk {chunk.name}")
         if kind == GOP_TYPE:
-            summary = payload[position + _ENTRY.size : position + ENTRY_BYTES]
             gops.append(unpack_summary(summary, chunk))
             gops[-1].check_follows(gops[-2] if len(gops) > 1 else None)
             gops[-1].check_reference(first_frames)
@@ -101,6 +104,7 @@ def end_payload(index_offset: int, file_size: int) -> bytes:
     return _END.pack(index_offset, file_size)
 
 
+@spec_section("9")
 def parse_end(payload: bytes, file_size: int) -> int:
     """Check the payload of the end chunk, and return the offset of the index chunk.
 

@@ -6,7 +6,7 @@ import struct
 
 from gsvrcodec.bitstream.gop_head import GopHead
 from gsvrcodec.bitstream.varint import take_varint
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 
 #: Numbers of the codecs whose planes are image files: PNG and JPEG XL.
 IMAGE_CODECS = frozenset({2, 3})
@@ -15,6 +15,7 @@ IMAGE_CODECS = frozenset({2, 3})
 PLANE_ENTRY = struct.Struct("<BBBBffI")
 
 
+@spec_section("5.3")
 def plane_codecs(payload: bytes, head: GopHead) -> frozenset[int]:
     """Return the codec numbers in the plane table of a GOP's payload, which has this head.
 

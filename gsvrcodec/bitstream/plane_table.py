@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from gsvrcodec.bitstream.plane_codecs import PLANE_ENTRY
-from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.model.attributes import ATTRIBUTE_BY_ID, MODE, Attribute
 from gsvrcodec.model.quantise import MODE_QUANTISER, Quantiser
 from gsvrcodec.planes.samples import MAX_BITS
@@ -48,6 +48,7 @@ class PlaneEntry:
         )
 
 
+@spec_section("5.3")
 def parse_plane_table(
     payload: bytes,
     offset: int,

@@ -1,12 +1,16 @@
-"""Reader of .gsvr files: uses the index if it is valid, else walks from chunk to chunk."""
+"""Reader of .gsvr files: uses the index if it is valid, else walks from chunk to chunk.
+
+A pipe is always walked: its GOPs are known as they come.
+"""
 
 from __future__ import annotations
 
-import json
-import os
 from bisect import bisect_right
+from collections import Counter
+from collections.abc import Sequence
+from threading import Lock
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 from gsvrcodec.bitstream.chunk import (
     CRITICAL_TYPES,
@@ -18,6 +22,7 @@ from gsvrcodec.bitstream.chunk import (
     OVERHEAD_BYTES,
     SETTINGS_TYPE,
     SIGNATURE,
+    SINGLE_TYPES,
     STREAMS_TYPE,
     ChunkEntry,
     check_payload,
@@ -25,13 +30,20 @@ from gsvrcodec.bitstream.chunk import (
     is_critical,
     parse_chunk_head,
 )
-from gsvrcodec.bitstream.gop_head import SUMMARY_BYTES, GopEntry
+from gsvrcodec.bitstream.gop_head import (
+    GOP_HEAD_BYTES,
+    SUMMARY_BYTES,
+    GopEntry,
+    GopHead,
+    parse_gop_head,
+)
 from gsvrcodec.bitstream.header import Header, parse_header
 from gsvrcodec.bitstream.index import END_CHUNK_BYTES, parse_end, parse_index
-from gsvrcodec.bitstream.recovery import walk
-from gsvrcodec.bitstream.source import Source
-from gsvrcodec.bitstream.tags import Tags, parse_tags
-from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.bitstream.recovery import Walk
+from gsvrcodec.bitstream.references import References
+from gsvrcodec.bitstream.source import Readable, open_source
+from gsvrcodec.bitstream.tags import Tags, parse_settings, parse_tags
+from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.limits import Limits
 
 #: Greatest payload of a header chunk, of any version.
@@ -44,7 +56,8 @@ class GsvrReader:
     Safe to use from several threads.
 
     Args:
-        source: Path, or a seekable binary stream, which stays open.
+        source: What to read; see `Readable`. Of what is not seekable, such as a pipe, `gops` and
+            `chunks` hold what came, from the first GOP on; `grow` waits for more.
         limits: Limits on the content, None = `Limits.from_environment()`.
 
     Raises:
@@ -55,11 +68,9 @@ class GsvrReader:
         LimitError: The file is over `limits`.
     """
 
-    def __init__(
-        self, source: str | os.PathLike[str] | BinaryIO, limits: Limits | None = None
-    ) -> None:
+    def __init__(self, source: Readable, limits: Limits | None = None) -> None:
         self._limits = limits or Limits.from_environment()
-        self._source = Source(source)
+        self._source = open_source(source)
         try:
             self._open()
         except BaseException:
@@ -67,26 +78,57 @@ class GsvrReader:
             raise
 
     def _open(self) -> None:
-        start = self._source.read(0, min(len(SIGNATURE), self._source.size))
-        check_signature(start)
+        check_signature(self._source.read_some(0, len(SIGNATURE)))
         head, self._header = self._read_header()
-        warnings: list[str] = []
-        try:
-            chunks, gops = self._read_index(head.end)
-            self._recovered = False
-        except CorruptError as error:
-            warnings.append(f"no valid index ({error}); the file was searched for GOPs instead")
-            found = walk(self._source, head.end, self._limits)
-            chunks, gops = found.chunks, found.gops
-            warnings += found.warnings
-            self._recovered = True
-        self._chunks = (head, *chunks)
-        self._gops = tuple(gops)
-        self._first_frames = [gop.first_frame for gop in gops]
-        if not gops:
-            raise CorruptError("the file has no whole GOP; " + "; ".join(warnings))
-        self._references = self._linked()
-        self._warnings = (*warnings, *self._lost_warnings(), *self._count_warnings())
+        self._index_fault: CorruptError | None = None
+        self._walk: Walk | None = None
+        self._chunks = [head]
+        self._gops: list[GopEntry] = []
+        self._references = References(self._limits)
+        self._growing = Lock()
+        if self._source.arriving:
+            self._walk = Walk(self._source, head.end, self._limits, stream=True)
+            self.grow()
+        else:
+            try:
+                chunks, gops = self._read_index(head.end)
+            except CorruptError as error:
+                self._index_fault = error
+                stream = self._header.stream
+                self._walk = Walk(self._source, head.end, self._limits, stream=stream).to_the_end()
+                chunks, gops = self._walk.chunks, self._walk.gops
+            self._add(chunks, gops)
+        if not self._gops:
+            message = "; ".join(("the file has no whole GOP", *self.warnings))
+            raise CorruptError(message, section="3")
+
+    def grow(self) -> bool:
+        """Wait for the next GOP of a pipe; return False if none comes any more.
+
+        Raises:
+            CorruptError, UnsupportedError, LimitError: As when a file is opened.
+            InputError: The pipe cannot be read.
+        """
+        walk = self._walk
+        with self._growing:
+            if walk is None or walk.over:
+                return False
+            chunks, gops = len(walk.chunks), len(walk.gops)
+            while len(walk.gops) == gops and walk.step():
+                pass
+            self._add(walk.chunks[chunks:], walk.gops[gops:])
+            return len(walk.gops) > gops
+
+    def _add(self, chunks: Sequence[ChunkEntry], gops: Sequence[GopEntry]) -> None:
+        """Add what is known now; the GOPs last, for other threads may take them at once."""
+        self._chunks += chunks
+        self._references.add(gops)
+        self._gops += gops
+
+    @property
+    def name(self) -> str:
+        """What is read, for messages: path, URL, or the name of a file object."""
+        return self._source.name
 
     @property
     def header(self) -> Header:
@@ -94,12 +136,12 @@ class GsvrReader:
         return self._header
 
     @property
-    def gops(self) -> tuple[GopEntry, ...]:
-        """The GOPs in frame order; only a recovered file may lack frames between two GOPs."""
+    def gops(self) -> Sequence[GopEntry]:
+        """The GOPs in frame order; only a damaged file may lack frames between two GOPs."""
         return self._gops
 
     @property
-    def chunks(self) -> tuple[ChunkEntry, ...]:
+    def chunks(self) -> Sequence[ChunkEntry]:
         """Every chunk in file order, with type, offset and payload size."""
         return self._chunks
 
@@ -111,22 +153,48 @@ class GsvrReader:
     @property
     def frames(self) -> int:
         """Frames in the file: the number of the last frame plus one."""
-        return self._gops[-1].end_frame
+        return self._gops[-1].end_frame if self._gops else 0
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
-        return self._source.size
+        """Bytes of the file; of a pipe, of the chunks that came."""
+        return self._chunks[-1].end if self._source.arriving else self._source.size
 
     @property
     def recovered(self) -> bool:
-        """Whether the file has no valid index: it is damaged or was not finished."""
-        return self._recovered
+        """Whether the file is damaged or was not finished, so that GOPs may be missing.
+
+        A stream may end after any GOP.
+        """
+        walk = self._walk
+        if walk is None:
+            return False
+        return bool(walk.warnings) or self._lacks_end or (walk.ended and bool(self._index_fault))
+
+    @property
+    def complete(self) -> bool:
+        """Whether all GOPs are known: not while a pipe may bring more."""
+        return self._walk is None or self._walk.over
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Faults of the file that do not prevent decoding."""
-        return self._warnings
+        warnings = []
+        if self._walk is not None:
+            if self._index_fault is not None and self.recovered:
+                fault = f"no valid index ({self._index_fault})"
+                warnings.append(f"{fault}; the file was searched for GOPs instead")
+            warnings += self._walk.warnings
+            if self._lacks_end:
+                warnings.append("the file has no end: its writing was not finished, or it is cut")
+        warnings += self._references.warnings() + self.repeated
+        return (*warnings, *self._count_warnings())
+
+    @property
+    def _lacks_end(self) -> bool:
+        """Whether the file was read to its end, which should have an end chunk."""
+        walk = self._walk
+        return walk is not None and walk.over and not walk.ended and not self._header.stream
 
     def gop_of_frame(self, frame: int) -> int:
         """Position in `gops` of the GOP that holds frame number `frame`.
@@ -137,7 +205,7 @@ class GsvrReader:
         """
         if not 0 <= frame < self.frames:
             raise IndexError(f"frame {frame} of {self.frames}")
-        position = bisect_right(self._first_frames, frame) - 1
+        position = bisect_right(self._gops, frame, key=lambda gop: gop.first_frame) - 1
         if position < 0 or frame >= self._gops[position].end_frame:
             raise CorruptError(f"frame {frame} is lost")
         return position
@@ -148,18 +216,7 @@ class GsvrReader:
         Raises:
             CorruptError: The reference was lost.
         """
-        entry = self._gops[position]
-        if entry.is_key:
-            return None
-        reference = self._references[position]
-        if reference is None:
-            raise CorruptError(
-                f"the GOP at frame {entry.reference_frame} is lost, "
-                f"which the GOP at frame {entry.first_frame} is predicted from",
-                chunk=entry.chunk.name,
-                offset=entry.offset,
-            )
-        return reference
+        return self._references.reference_of(position)
 
     def chain_of(self, position: int) -> list[int]:
         """Positions of the GOPs that `gops[position]` needs: from its key GOP up to itself.
@@ -167,10 +224,7 @@ class GsvrReader:
         Raises:
             CorruptError: A GOP of the chain was lost.
         """
-        chain = [position]
-        while (reference := self.reference_of(chain[-1])) is not None:
-            chain.append(reference)
-        return chain[::-1]
+        return self._references.chain_of(position)
 
     def read_gop(self, position: int) -> bytes:
         """The payload of `gops[position]`, checked against its CRC and its index entry.
@@ -188,8 +242,21 @@ class GsvrReader:
                 "the GOP is not the one that the index names",
                 chunk=entry.chunk.name,
                 offset=entry.offset,
+                section="11",
             )
         return payload
+
+    def read_gop_head(self, position: int) -> GopHead:
+        """The head of `gops[position]`; no checksum is checked.
+
+        Raises:
+            CorruptError: The head breaks a rule of the spec.
+        """
+        chunk = self._gops[position].chunk
+        try:
+            return parse_gop_head(self._source.read_some(chunk.payload_offset, GOP_HEAD_BYTES))
+        except CorruptError as error:
+            raise error.located(chunk.name, chunk.offset) from None
 
     def read_chunk(self, chunk: ChunkEntry) -> bytes:
         """The payload of one of `chunks`, checked against its CRC.
@@ -198,17 +265,19 @@ class GsvrReader:
             CorruptError: The chunk is damaged, or its head does not match the index.
             LimitError: The chunk is over the reader's limits.
         """
-        if chunk.end > self._source.size:
+        if not self._source.reaches(chunk.end):
             raise CorruptError(
                 f"{chunk.size} bytes, past the end of the file",
                 chunk=chunk.name,
                 offset=chunk.offset,
+                section="3",
             )
         self._limits.check("chunk_bytes", chunk.size, f"the size of chunk {chunk.name}")
         data = self._source.read(chunk.offset, OVERHEAD_BYTES + chunk.size)
         try:
             if parse_chunk_head(data[:HEAD_BYTES], chunk.offset) != chunk:
-                raise CorruptError("the chunk is not the one that the index names")
+                what = "the chunk is not the one that the index names"
+                raise CorruptError(what, section="11")
             return check_payload(chunk, data[HEAD_BYTES:])
         except CorruptError as error:
             raise error.located(chunk.name, chunk.offset) from None
@@ -237,13 +306,7 @@ class GsvrReader:
         payload = self.auxiliary(SETTINGS_TYPE)
         if payload is None:
             return {}
-        try:
-            value = json.loads(payload.decode("utf-8"))
-        except (ValueError, RecursionError):
-            value = None
-        if not isinstance(value, dict):
-            raise CorruptError("not a JSON object in UTF-8", chunk=SETTINGS_TYPE.decode())
-        return value
+        return parse_settings(payload)
 
     def tags(self) -> Tags:
         """Titles, languages and chapters from chunk `meta`; empty without that chunk.
@@ -275,16 +338,17 @@ class GsvrReader:
     ) -> None:
         self.close()
 
+    @spec_section("3")
     def _read_header(self) -> tuple[ChunkEntry, Header]:
         offset = len(SIGNATURE)
-        if self._source.size < offset + OVERHEAD_BYTES:
+        if not self._source.reaches(offset + OVERHEAD_BYTES):
             raise CorruptError("cut short in the header", chunk="HEAD", offset=offset)
         chunk = parse_chunk_head(self._source.read(offset, HEAD_BYTES), offset)
         if chunk.type != HEAD_TYPE:
             raise CorruptError(
                 f"the first chunk is {chunk.name}, expected HEAD", chunk=chunk.name, offset=offset
             )
-        if chunk.size > _MAX_HEADER_BYTES or chunk.end > self._source.size:
+        if chunk.size > _MAX_HEADER_BYTES or not self._source.reaches(chunk.end):
             raise CorruptError(f"header of {chunk.size} bytes", chunk="HEAD", offset=offset)
         payload = self.read_chunk(chunk)
         try:
@@ -316,36 +380,20 @@ class GsvrReader:
                 )
         return [*chunks, index_chunk, end_chunk], gops
 
-    def _linked(self) -> list[int | None]:
-        """Position of the reference of each GOP; None = a key GOP, or the reference was lost.
-
-        Raises:
-            LimitError: A chain of references is over the limit.
-        """
-        positions: dict[int, int] = {}
-        references: list[int | None] = []
-        lengths: list[int] = []
-        for position, gop in enumerate(self._gops):
-            reference = None if gop.is_key else positions.get(gop.reference_frame)
-            references.append(reference)
-            lengths.append(1 if reference is None else lengths[reference] + 1)
-            positions[gop.first_frame] = position
-        self._limits.check("chain", max(lengths), "the number of GOPs in a chain of references")
-        return references
-
-    def _lost_warnings(self) -> list[str]:
-        """A warning if references of GOPs were lost."""
-        lost = [
-            gop.first_frame
-            for gop, reference in zip(self._gops, self._references, strict=True)
-            if reference is None and not gop.is_key
+    @property
+    def repeated(self) -> list[str]:
+        """Warnings about chunks that a file may have once, and has more often; the first counts."""
+        kinds = Counter(chunk.type for chunk in self._chunks)
+        return [
+            f"the file has {kinds[kind]} chunks {kind.decode()}, the first counts"
+            for kind in SINGLE_TYPES
+            if kinds[kind] > 1
         ]
-        if not lost:
-            return []
-        return [f"{len(lost)} GOPs are predicted from lost ones, the first at frame {lost[0]}"]
 
     def _count_warnings(self) -> list[str]:
         """Warnings about counts of the header that differ from the content; the content wins."""
+        if not self.complete:
+            return []
         warnings = []
         for what, declared, found in (
             ("frames", self._header.frames, self.frames),

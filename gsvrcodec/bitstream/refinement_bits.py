@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements
 
 _TABLE = struct.Struct("<" + "bB" * len(REFINED))
@@ -19,6 +19,7 @@ def pack_table(refinements: Refinements) -> bytes:
     return _TABLE.pack(*(value for each in own for value in (each.least, each.most)))
 
 
+@spec_section("5.6")
 def parse_table(data: bytes) -> dict[str, Refinement]:
     """Refinements by attribute name, of those attributes that are refined.
 
@@ -44,6 +45,7 @@ def pack_numbers(numbers: Levels, bits: Levels) -> bytes:
     return np.packbits(single[shift < bits[:, None]]).tobytes()
 
 
+@spec_section("5.6")
 def unpack_numbers(data: bytes, bits: Levels) -> Levels:
     """The inverse of `pack_numbers`.
 

@@ -1,4 +1,4 @@
-"""The chunk `meta`: titles, languages and chapters of the source (spec section "Metadata")."""
+"""The chunks `meta`, of titles, languages and chapters, and `sett` (spec "Auxiliary chunks")."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
+from typing import Any, Literal
 
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,23 @@ class Tags:
         ).encode()
 
 
+@spec_section("10")
+def parse_settings(payload: bytes) -> dict[str, Any]:
+    """Parse the payload of a chunk `sett`.
+
+    Raises:
+        CorruptError: The payload is not a JSON object.
+    """
+    try:
+        value = json.loads(payload.decode("utf-8"))
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        raise CorruptError("not a JSON object in UTF-8", chunk="sett")
+    return value
+
+
+@spec_section("10")
 def parse_tags(payload: bytes) -> Tags:
     """Parse the payload of a chunk `meta`.
 
@@ -94,3 +111,18 @@ def _strings(value: Any) -> dict[str, str]:
     if not all(isinstance(text, str) for pair in value.items() for text in pair):
         raise ValueError("tags are text")
     return dict(value)
+
+
+def container_of(payload: bytes) -> Literal["mp4", "matroska", "nut"]:
+    """Return the container of a copied stream, by its first bytes.
+
+    Raises:
+        CorruptError: It is another one.
+    """
+    if payload[4:8] == b"ftyp":
+        return "mp4"
+    if payload.startswith(b"\x1aE\xdf\xa3"):
+        return "matroska"
+    if payload.startswith(b"nut/multimedia container\0"):
+        return "nut"
+    raise CorruptError("it is neither MP4 nor Matroska nor NUT", section="10")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsvrcodec.bitstream.varint import put_varint, take_varint
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.model.time import Ticks
 
 
@@ -34,6 +34,7 @@ def pack_timing(pts: Ticks, durations: Ticks) -> bytes:
     return bytes(out)
 
 
+@spec_section("5.2")
 def unpack_timing(
     data: bytes, offset: int, start_pts: int, frames: int
 ) -> tuple[Ticks, Ticks, int]:

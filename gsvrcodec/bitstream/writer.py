@@ -1,4 +1,4 @@
-"""Writer of .gsvr files, chunk by chunk; an unfinished file can be recovered at any time."""
+"""Writer of .gsvr files and streams, chunk by chunk; an unfinished one can be read at any time."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gsvrcodec.bitstream.chunk import (
     INDEX_TYPE,
     OVERHEAD_BYTES,
     SIGNATURE,
+    SINGLE_TYPES,
     STRUCTURAL_TYPES,
     ChunkEntry,
     Payload,
@@ -21,7 +22,13 @@ from gsvrcodec.bitstream.chunk import (
     is_critical,
 )
 from gsvrcodec.bitstream.gop_head import GopEntry, parse_gop_head
-from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
+from gsvrcodec.bitstream.header import (
+    IMAGE_CODECS_FLAG,
+    STREAM_FLAG,
+    UNKNOWN_GRID,
+    UNKNOWN_MAXIMUM,
+    Header,
+)
 from gsvrcodec.bitstream.index import END_CHUNK_BYTES, end_payload, index_bytes, index_payload
 from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS, plane_codecs
 
@@ -31,22 +38,27 @@ class GsvrWriter:
 
     The writer keeps the maxima and counts of the header: it rewrites the header chunk, which has a
     fixed size, when a GOP raises a maximum or is the first with planes of image codecs, and once
-    more in `close`.
+    more in `close`. A stream is written front to back: maxima and counts are not known.
 
     Args:
-        file: Empty, writable and seekable; `close` leaves it open.
-        header: Picture, colour and time base; the writer replaces maxima, counts, and the flag of
-            image codecs.
+        file: Empty and writable, and seekable if it is no stream; `close` leaves it open.
+        header: Picture, colour and time base; the writer replaces maxima, counts and flags, but in
+            a stream the flag of image codecs has to be right.
+        stream: Write front to back, and each chunk at once.
     """
 
-    def __init__(self, file: BinaryIO, header: Header):
+    def __init__(self, file: BinaryIO, header: Header, *, stream: bool = False) -> None:
         self._file = file
+        self._stream = stream
+        flags = header.flags_optional
+        flags = flags | STREAM_FLAG if stream else flags & ~(STREAM_FLAG | IMAGE_CODECS_FLAG)
+        most = UNKNOWN_MAXIMUM if stream else 0
         self._header = replace(
             header,
-            flags_optional=header.flags_optional & ~IMAGE_CODECS_FLAG,
-            max_gaussians=0,
-            max_gop_frames=0,
-            max_grid=(0, 0, 0),
+            flags_optional=flags,
+            max_gaussians=most,
+            max_gop_frames=most,
+            max_grid=UNKNOWN_GRID if stream else (0, 0, 0),
             frames=0,
             gops=0,
         )
@@ -55,7 +67,8 @@ class GsvrWriter:
         self._by_first_frame: dict[int, GopEntry] = {}
         self._closed = False
         start = SIGNATURE + chunk_bytes(HEAD_TYPE, self._header.to_bytes())
-        file.seek(0)
+        if not stream:
+            file.seek(0)
         file.write(start)
         self._end = len(start)
 
@@ -90,7 +103,8 @@ class GsvrWriter:
 
         Raises:
             ValueError: The head is invalid, does not follow the last GOP, or refers to a GOP that
-                was not added or has another number of Gaussians.
+                was not added or has another number of Gaussians; a stream has planes of image
+                codecs, and its header has not their flag.
         """
         head = parse_gop_head(payload)
         head.check_follows(self._gops[-1] if self._gops else None)
@@ -103,20 +117,17 @@ class GsvrWriter:
                     f"the GOP expects {head.carried_from}"
                 )
         image_codecs = not IMAGE_CODECS.isdisjoint(plane_codecs(payload, head))
-        most = self._header.max_grid
-        self._rewrite_header(
-            replace(
-                self._header,
-                flags_optional=self._header.flags_optional | IMAGE_CODECS_FLAG * image_codecs,
-                max_gaussians=max(self._header.max_gaussians, head.gaussians),
-                max_gop_frames=max(self._header.max_gop_frames, head.frames),
-                max_grid=(
-                    max(most[0], head.grid[0]),
-                    max(most[1], head.grid[1]),
-                    max(most[2], head.grid[2]),
-                ),
-            )
+        (gx, gy, gt), (most_x, most_y, most_t) = head.grid, self._header.max_grid
+        raised = replace(
+            self._header,
+            flags_optional=self._header.flags_optional | IMAGE_CODECS_FLAG * image_codecs,
+            max_gaussians=max(self._header.max_gaussians, head.gaussians),
+            max_gop_frames=max(self._header.max_gop_frames, head.frames),
+            max_grid=(max(most_x, gx), max(most_y, gy), max(most_t, gt)),
         )
+        if self._stream and raised != self._header:
+            raise ValueError("planes of image codecs in a stream that has not their flag")
+        self._rewrite_header(raised)
         entry = head.entry(ChunkEntry(GOP_TYPE, self._end, len(payload)))
         self._append(GOP_TYPE, payload)
         self._gops.append(entry)
@@ -131,10 +142,13 @@ class GsvrWriter:
             payload: Payload of the chunk.
 
         Raises:
-            ValueError: `kind` is no ancillary type, or is reserved for the writer.
+            ValueError: `kind` is no ancillary type, is reserved for the writer, or is the type of
+                a chunk that a file has once.
         """
         if is_critical(kind) or kind in STRUCTURAL_TYPES:
             raise ValueError(f"{kind!r} is not the type of an auxiliary chunk")
+        if kind in SINGLE_TYPES and any(chunk.type == kind for chunk in self._chunks):
+            raise ValueError(f"a second chunk {kind!r}")
         self._append(kind, payload)
 
     def final_size(self, chunks: int, payload_bytes: int) -> int:
@@ -143,7 +157,9 @@ class GsvrWriter:
         return self._end + chunks * OVERHEAD_BYTES + payload_bytes + index + END_CHUNK_BYTES
 
     def close(self) -> None:
-        """Write the index, the end chunk and the final header; a file without them is unfinished.
+        """Write the index, the end chunk and, but for a stream, the final header.
+
+        A file without them is unfinished.
 
         Raises:
             ValueError: No GOP was added.
@@ -155,12 +171,13 @@ class GsvrWriter:
         index_offset = self._end
         index = chunk_bytes(INDEX_TYPE, index_payload(self._chunks, self._gops))
         file_size = index_offset + len(index) + END_CHUNK_BYTES
-        self._file.seek(index_offset)
-        self._file.write(index + chunk_bytes(END_TYPE, end_payload(index_offset, file_size)))
-        self._end = file_size
-        self._rewrite_header(
-            replace(self._header, frames=self._gops[-1].end_frame, gops=len(self._gops))
+        self._write_at(
+            index_offset, index, *chunk_parts(END_TYPE, end_payload(index_offset, file_size))
         )
+        self._end = file_size
+        if not self._stream:
+            frames, gops = self._gops[-1].end_frame, len(self._gops)
+            self._rewrite_header(replace(self._header, frames=frames, gops=gops))
         self._file.flush()
         self._closed = True
 
@@ -180,9 +197,7 @@ class GsvrWriter:
         if self._closed:
             raise ValueError("the file is closed")
         entry = ChunkEntry(kind, self._end, len(payload))
-        self._file.seek(self._end)
-        for part in chunk_parts(kind, payload):
-            self._file.write(part)
+        self._write_at(self._end, *chunk_parts(kind, payload))
         self._chunks.append(entry)
         self._end = entry.end
 
@@ -190,6 +205,14 @@ class GsvrWriter:
         """Overwrite the header chunk if `header` differs from the one in the file."""
         if header == self._header:
             return
-        self._file.seek(len(SIGNATURE))
-        self._file.write(chunk_bytes(HEAD_TYPE, header.to_bytes()))
+        self._write_at(len(SIGNATURE), chunk_bytes(HEAD_TYPE, header.to_bytes()))
         self._header = header
+
+    def _write_at(self, offset: int, *parts: Payload) -> None:
+        """Write at an offset; of a stream, this is where it ends."""
+        if not self._stream:
+            self._file.seek(offset)
+        for part in parts:
+            self._file.write(part)
+        if self._stream:
+            self._file.flush()

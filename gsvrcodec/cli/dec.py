@@ -168,7 +168,8 @@ def command(
 ) -> int:
     """Decode a .gsvr file to a video: the stored frames, or frames at another rate and size.
 
-    OUTPUT is .mp4 (H.264, or HEVC for 10 bits; near-lossless), .mkv (FFV1, lossless), .y4m, a
+    INPUT may be - for the standard input, which is decoded as it comes, or a URL. OUTPUT is .mp4
+    (H.264, or HEVC for 10 bits; near-lossless), .mkv (FFV1, lossless), .y4m, a
     numbered picture such as out_%04d.png, or - for Y4M on the standard output.
 
     \b
@@ -178,6 +179,7 @@ def command(
     gsvrdec out.gsvr - | ffmpeg -i - -c:v libx265 out.mkv
     gsvrdec --muxer md5 out.gsvr
     """
+    from gsvrcodec.bitstream.source import path_of
     from gsvrcodec.cli.progress import FrameDisplay
     from gsvrcodec.decoder.export import decode
     from gsvrcodec.files import check_input
@@ -186,7 +188,8 @@ def command(
         raise click.UsageError("name an output, or - for the standard output")
     if size is not None and scale is not None:
         raise click.UsageError("give --size or --scale, not both")
-    check_input(source)
+    if (path := path_of(source)) is not None:
+        check_input(path)
     overwrite = may_overwrite(target, overwrite)
     with about(source), FrameDisplay(quiet=quiet) as display:
         result = decode(

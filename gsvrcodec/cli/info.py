@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from gsvrcodec.cli.common import (
     version_option,
     write_text,
 )
+from gsvrcodec.errors import CorruptError
 
 if TYPE_CHECKING:
     from gsvrcodec.report.inspect import FileInfo
@@ -47,15 +49,15 @@ def main(args: Sequence[str] | None = None) -> int:
 @click.option(
     "--verify",
     is_flag=True,
-    help=f"Check every checksum and decode every plane; exit code {EXIT_CORRUPT} if the file is "
-    f"damaged, {EXIT_MISMATCH} if its header and content differ.",
+    help="Check every rule of the format that needs no rendering; exit code "
+    f"{EXIT_CORRUPT} if the file breaks one, {EXIT_MISMATCH} if its header and content differ.",
 )
 @overwrite_option
 @version_option
 def command(
     source: str, json_path: str | None, gops: bool, bits: bool, verify: bool, overwrite: bool
 ) -> int:
-    """Show the content of a .gsvr file.
+    """Show the content of a .gsvr file; - for the standard input, or a URL.
 
     \b
     gsvrinfo out.gsvr
@@ -64,11 +66,22 @@ def command(
     gsvrinfo out.gsvr --json | jq .bpp
     """
     from gsvrcodec.report.inspect import inspect, inspect_bytes
+    from gsvrcodec.report.inspect import verify as faults_of
 
     overwrite = may_overwrite(json_path, overwrite)
+    # What is read more than once.
+    content = sys.stdin.buffer.read() if source == "-" else source
     with about(source):
-        info = inspect(source)
-        items = inspect_bytes(source) if bits or json_path is not None else ()
+        faults = list(faults_of(content)) if verify else []
+        for fault in faults:
+            click.echo(f"gsvrinfo: error: {source}: {fault}", err=True)
+        try:
+            info = inspect(content)
+        except CorruptError:
+            if not faults:
+                raise
+            return EXIT_CORRUPT
+        items = inspect_bytes(content) if bits or json_path is not None else ()
     if json_path != "-":
         click.echo("\n".join(_lines(info)))
         if gops:
@@ -76,35 +89,19 @@ def command(
         if bits:
             click.echo("\n".join(_item_lines(items)))
     if json_path is not None:
-        content = info.to_dict() | {"spending": {item.name: item.to_dict() for item in items}}
-        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        properties = info.to_dict() | {"spending": {item.name: item.to_dict() for item in items}}
+        text = json.dumps(properties, indent=2, ensure_ascii=False) + "\n"
         write_text(json_path, text, overwrite=overwrite)
-    return _verified(source, info) if verify else _warned(info)
-
-
-def _warned(info: FileInfo) -> int:
-    """Print the warnings of a readable file; return exit code 0."""
-    for warning in info.warnings:
-        click.echo(f"gsvrinfo: warning: {warning}", err=True)
-    return 0
-
-
-def _verified(source: str, info: FileInfo) -> int:
-    """Verify the whole file, print every fault and return the exit code."""
-    from gsvrcodec.report.inspect import verify
-
-    faults = 0
-    with about(source):
-        for fault in verify(source):
-            click.echo(f"gsvrinfo: error: {source}: {fault}", err=True)
-            faults += 1
     if faults:
         return EXIT_CORRUPT
+    for warning in info.warnings:
+        click.echo(f"gsvrinfo: warning: {warning}", err=True)
+    if not verify:
+        return 0
     if info.warnings:
-        _warned(info)
         return EXIT_MISMATCH
-    frames, gops = info.metadata.frames, info.metadata.gops
-    click.echo(f"verified: {frames} frames in {gops} GOPs are sound", err=True)
+    frames, count = info.metadata.frames, info.metadata.gops
+    click.echo(f"verified: {frames} frames in {count} GOPs are sound", err=True)
     return 0
 
 
@@ -125,7 +122,9 @@ def _lines(info: FileInfo) -> Iterator[str]:
         size += f" without {meta.streams_bytes:,} bytes of copied streams"
     rows = {
         "file": info.path,
-        "version": meta.version + ", planes as PNG or JPEG XL" * info.image_codecs,
+        "version": meta.version
+        + ", planes as PNG or JPEG XL" * info.image_codecs
+        + ", written as a stream" * info.stream,
         "picture": picture,
         "frames": f"{meta.frames:,} at {float(meta.average_rate):.5g} a second",
         "time": f"{float(meta.duration_seconds):.6g} s from {float(meta.begin_seconds):.6g} s, "

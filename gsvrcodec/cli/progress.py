@@ -53,7 +53,7 @@ class _Display:
         if self._bar is not None:
             self._bar.stop()
 
-    def _show(self, done: int, total: int, text: str) -> bool:
+    def _show(self, done: int, total: int | None, text: str) -> bool:
         """Update the bar; return whether to print a plain line instead."""
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=total, description=text)
@@ -108,10 +108,11 @@ class FrameDisplay(_Display):
         super().__init__(quiet=quiet)
         self._began = self._shown = time.perf_counter()
 
-    def __call__(self, done: int, total: int) -> None:
-        """Show the number of frames done."""
+    def __call__(self, done: int, total: int | None) -> None:
+        """Show the number of frames done; `total` None = not known."""
         now = time.perf_counter()
-        text = f"{done}/{total} frames  {done / max(now - self._began, 1e-9):.1f} frames/s"
+        frames = f"{done}" if total is None else f"{done}/{total}"
+        text = f"{frames} frames  {done / max(now - self._began, 1e-9):.1f} frames/s"
         if self._show(done, total, text) and now - self._shown >= _LINE_INTERVAL:
             self._shown = now
             click.echo(text, err=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import groupby, islice, zip_longest
@@ -13,6 +12,7 @@ from typing import Self, overload
 
 import numpy as np
 
+from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
 from gsvrcodec.decoder.gop_cache import GopCache
@@ -31,11 +31,14 @@ _BATCH_BYTES = 32 * 2**20
 
 
 class Decoder:
-    """The frames of a .gsvr file. Thread-safe."""
+    """The frames of a .gsvr file. Thread-safe.
+
+    Of a pipe, `frames` yields what comes; all that needs to know its end waits for it.
+    """
 
     def __init__(
         self,
-        path: str | os.PathLike[str],
+        source: Readable,
         *,
         size: RequestedSize | None = None,
         layers: Layers = "all",
@@ -49,15 +52,15 @@ class Decoder:
         """Open a file; see `open`."""
         device = choose_device(device)
         self._limits = limits or Limits.from_environment()
-        self._gops = GopCache(path, self._limits, lambda gop: self._maker.prepare(gop))
+        self._gops = GopCache(source, self._limits, lambda gop: self._maker.prepare(gop))
         self._reader = self._gops.reader
         self._keep_going = keep_going
         self.lost_frames = 0  #: pictures left out by iteration with `keep_going`
         try:
             self._check_whole()
-            self.metadata = Metadata.of(self._reader)  #: properties of the whole video
+            self._known = Metadata.of(self._reader)
             if bit_depth is None:
-                bit_depth = 8 if self.metadata.bit_depth <= 8 else 10
+                bit_depth = 8 if self._known.bit_depth <= 8 else 10
             self._maker = PictureMaker(
                 coded_size=self._coded_size,
                 size=picture_size(size, self._coded_size, self._limits),
@@ -88,6 +91,35 @@ class Decoder:
         self._gops.close()
 
     @property
+    def metadata(self) -> Metadata:
+        """Properties of the whole video."""
+        self.wait_for(None)
+        return self.known
+
+    @property
+    def known(self) -> Metadata:
+        """Properties of the video as far as it is known: of a pipe, of the GOPs that came."""
+        if self._known.gops != len(self._reader.gops):
+            self._known = self._known.extended(self._reader)
+        return self._known
+
+    @property
+    def complete(self) -> bool:
+        """Whether all frames are known: not while a pipe may bring more."""
+        return self._reader.complete
+
+    def wait_for(self, frames: int | None) -> int:
+        """Wait until so many frames of a pipe are known, None = all; return how many are.
+
+        Raises:
+            CorruptError: The pipe is damaged or cut short, and `keep_going` is not set.
+        """
+        while (frames is None or self._reader.frames < frames) and self._reader.grow():
+            pass
+        self._check_whole()
+        return self._reader.frames
+
+    @property
     def size(self) -> tuple[int, int]:
         """Width and height of the decoded pictures, pixels."""
         return self._maker.size
@@ -115,7 +147,7 @@ class Decoder:
 
     def __len__(self) -> int:
         """Return the number of frames."""
-        return self._reader.frames
+        return self.wait_for(None)
 
     @overload
     def __getitem__(self, key: int) -> Frame: ...
@@ -198,10 +230,11 @@ class Decoder:
         """Yield tags and bytes of each copied sound and subtitle stream.
 
         The bytes are a MP4, QuickTime, Matroska or NUT file with that one stream, on the clock of
-        the frames' timestamps. A damaged stream is left out with a warning.
+        the frames' timestamps. A damaged stream is left out with a warning, and so is one that has
+        not come yet by a pipe.
         """
         self._gops.check_open()
-        for tags, chunk in zip_longest(self.metadata.tags.streams, self._reader.streams):
+        for tags, chunk in zip_longest(self.known.tags.streams, self._reader.streams):
             if chunk is not None:
                 try:
                     yield tags or StreamTags(), self._reader.read_chunk(chunk)
@@ -301,19 +334,20 @@ class Decoder:
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
         """Yield frames `start` up to `stop`, None = to the end, with one batch in memory.
 
-        With `keep_going`, damaged and lost frames are left out and counted in `lost_frames`.
+        Frames of a pipe are yielded as they come. With `keep_going`, damaged and lost frames are
+        left out and counted in `lost_frames`.
         """
         self._gops.check_open()
-        stop = len(self) if stop is None else min(stop, len(self))
         batch = self.batch
-        while start < stop:
-            end = min(self._gops.run_end(start), start + batch, stop)
+        while (stop is None or start < stop) and start < self.wait_for(start + 1):
+            stop_now = self._reader.frames if stop is None else min(stop, self._reader.frames)
+            end = min(self._gops.run_end(start), start + batch, stop_now)
             try:
-                if self._gops.run_end(start) < stop:
+                if self._gops.run_end(start) < stop_now:
                     self._gops.prefetch(self._reader.gop_of_frame(start))
                 frames = self.get_frames_at(range(start, end))
             except CorruptError as error:
-                end = min(self._gops.run_end(start), stop)
+                end = min(self._gops.run_end(start), stop_now)
                 self._lose(end - start, f"frames {start} to {end - 1}", error)
             else:
                 yield from frames
@@ -347,8 +381,9 @@ class Decoder:
     def _number(self, index: int) -> int:
         """Return the frame number, from 0, for an index that may be negative."""
         number = index + len(self) if index < 0 else index
-        if not 0 <= number < len(self):
-            raise IndexError(f"frame {index} of a video of {len(self)} frames")
+        known = self.wait_for(number + 1)
+        if not 0 <= number < known:
+            raise IndexError(f"frame {index} of a video of {known} frames")
         return number
 
     def _played_at(self, seconds: float | Fraction) -> int:
@@ -358,7 +393,7 @@ class Decoder:
 
 
 def open(
-    path: str | os.PathLike[str],
+    source: Readable,
     *,
     size: RequestedSize | None = None,
     layers: Layers = "all",
@@ -372,7 +407,9 @@ def open(
     """Open a .gsvr file for decoding.
 
     Args:
-        path: The file.
+        source: Path; "-" = the standard input; URL, by fsspec; bytes; or a binary file object,
+            which stays open. What cannot be sought in, such as a pipe, is kept in a temporary file
+            as it comes.
         size: Size of the pictures: width and height in pixels, where -1 keeps the aspect ratio and
             -2 also rounds to an even number; or a factor for both; None = as coded.
         layers: Gaussians to draw: "dynamic" = those that move against the median motion of their
@@ -396,7 +433,7 @@ def open(
         DeviceError: The requested GPU is not usable.
     """
     return Decoder(
-        path,
+        source,
         size=size,
         layers=layers,
         bit_depth=bit_depth,

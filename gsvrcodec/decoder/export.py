@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from gsvrcodec.bitstream.source import Readable, path_of
 from gsvrcodec.decoder.decoder import Decoder
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.decoder.pictures import RequestedSize
@@ -39,7 +40,7 @@ class DecodeResult:
 
 
 def decode(
-    src: str | os.PathLike[str],
+    src: Readable,
     dst: str | os.PathLike[str] | None,
     *,
     muxer: str | None = None,
@@ -59,12 +60,14 @@ def decode(
     threads: int = 0,
     device: str = "auto",
     limits: Limits | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int | None], None] | None = None,
 ) -> DecodeResult:
     """Write a .gsvr file as a video: the stored frames, or frames at another rate and size.
 
     Args:
-        src: The .gsvr file.
+        src: The .gsvr file; "-" = the standard input; a URL, bytes or a binary file object. All
+            frames of a pipe are written as they come; a part of it, or other times, wait for its
+            end.
         dst: .mp4, .mkv, .y4m, a numbered .png; "-" or None = standard output.
         muxer: "mp4", "mkv", "y4m", "png", "md5" or "null"; None = by the suffix of `dst`.
         start_frame: First frame to write, from 0.
@@ -91,7 +94,7 @@ def decode(
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU.
         limits: Limits on the content; None = the defaults, or those of the environment.
-        progress: Called with the number of frames done and the number of all frames.
+        progress: Called with the number of frames done, and that of all frames, None = not known.
 
     Raises:
         DeviceError: The requested GPU is not usable.
@@ -116,6 +119,8 @@ def decode(
         limits=limits,
         keep_going=keep_going,
     ) as decoder:
+        if muxer == "png":
+            decoder.wait_for(None)  # so that no picture is written if one of them exists already
         plan = schedule(
             decoder,
             start_frame=start_frame,
@@ -130,7 +135,7 @@ def decode(
             info = replace(info, **_extras(decoder, plan))
         done = 0
         with (
-            open_writer(dst, info, muxer=muxer, overwrite=overwrite, source=src) as writer,
+            open_writer(dst, info, muxer=muxer, overwrite=overwrite, source=path_of(src)) as writer,
             closing(_ahead(plan.pictures(decoder), decoder.batch)) as pictures,
         ):
             for picture in pictures:
@@ -163,14 +168,14 @@ def _output_info(
     decoder: Decoder, plan: Schedule, crf: int, codec_preset: str | None, threads: int
 ) -> OutputInfo:
     """Return size, timing, colour and coding options of the output."""
-    meta = decoder.metadata
+    meta = decoder.known
     width, height = decoder.size
     return OutputInfo(
         width=width,
         height=height,
         time_base=plan.time_base,
         rate=plan.rate,
-        frames=plan.total,
+        frames=plan.total or 0,
         bit_depth=decoder.bit_depth,
         first_frame=plan.first_frame,
         sample_aspect=_sample_aspect(decoder),
@@ -185,7 +190,7 @@ def _output_info(
 
 def _extras(decoder: Decoder, plan: Schedule) -> dict[str, Any]:
     """Return tags, copied streams and their span, as fields of `OutputInfo`."""
-    meta = decoder.metadata
+    meta = decoder.known
     span = Span(
         None if plan.start <= meta.begin_seconds else plan.start,
         None if plan.stop >= meta.end_seconds else plan.stop,
@@ -202,7 +207,7 @@ def _sample_aspect(decoder: Decoder) -> Fraction:
 
     Rounding of the size to whole or even pixels does not change the sample aspect ratio.
     """
-    meta, (width, height) = decoder.metadata, decoder.size
+    meta, (width, height) = decoder.known, decoder.size
     if abs(width * meta.height - height * meta.width) <= max(meta.width, meta.height):
         return meta.sample_aspect
     aspect = meta.sample_aspect * Fraction(meta.width * height, meta.height * width)

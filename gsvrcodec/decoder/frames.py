@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
 from typing import Any
@@ -126,30 +126,42 @@ class Metadata:
     @classmethod
     def of(cls, reader: GsvrReader) -> Metadata:
         """Return the metadata from header, index and auxiliary chunks; no GOP is read."""
-        header, gops = reader.header, reader.gops
-        begin = gops[0].start_pts * header.time_base
-        end = (gops[-1].last_pts + max(gops[-1].last_duration, 1)) * header.time_base
+        header = reader.header
         return cls(
+            **_extent(reader),
             width=header.width,
             height=header.height,
-            frames=reader.frames,
-            gops=len(gops),
-            gaussians=reader.gaussians,
             time_base=header.time_base,
-            begin_seconds=begin,
-            end_seconds=end,
-            average_rate=reader.frames / (end - begin),
             sample_aspect=header.sample_aspect,
             rotation=header.rotation,
             mirrored=header.mirrored,
             bit_depth=header.bit_depth,
             colour=header.colour,
             version=header.version,
-            size_bytes=reader.size,
-            streams_bytes=sum(chunk.end - chunk.offset for chunk in reader.streams),
             settings=_settings(reader),
             tags=_tags(reader),
         )
+
+    def extended(self, reader: GsvrReader) -> Metadata:
+        """Return the metadata after more of a pipe came."""
+        return replace(self, **_extent(reader))
+
+
+def _extent(reader: GsvrReader) -> dict[str, Any]:
+    """Return how much there is of the video, as fields of `Metadata`."""
+    gops, base = reader.gops, reader.header.time_base
+    begin = gops[0].start_pts * base
+    end = (gops[-1].last_pts + max(gops[-1].last_duration, 1)) * base
+    return {
+        "frames": reader.frames,
+        "gops": len(gops),
+        "gaussians": reader.gaussians,
+        "begin_seconds": begin,
+        "end_seconds": end,
+        "average_rate": reader.frames / (end - begin),
+        "size_bytes": reader.size,
+        "streams_bytes": sum(chunk.end - chunk.offset for chunk in reader.streams),
+    }
 
 
 def _settings(reader: GsvrReader) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import numpy as np
 
 from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
 from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pyramid import by_level
@@ -59,15 +59,13 @@ class GopCache:
 
     def __init__(
         self,
-        path: str | os.PathLike[str],
+        source: Readable,
         limits: Limits | None,
         prepare: Callable[[Gop], Prepared],
     ) -> None:
-        """Open the file at `path`; call `prepare` once a GOP. Raises as `GsvrReader`."""
+        """Open a file; call `prepare` once a GOP. Raises as `GsvrReader`."""
         self._limits = limits or Limits.from_environment()
-        self.reader = GsvrReader(path, self._limits)
-        self._first_frames = [entry.first_frame for entry in self.reader.gops]
-        self._start_pts = [entry.start_pts for entry in self.reader.gops]
+        self.reader = GsvrReader(source, self._limits)
         self._prepare = prepare
         self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
         self._unpacker = GopUnpacker(self.reader, self._limits, CACHED_GOPS)
@@ -97,7 +95,7 @@ class GopCache:
 
     def position_at(self, ticks: int | Fraction) -> int:
         """Return the position of the GOP shown at a time; 0 before the first GOP."""
-        return max(0, bisect_right(self._start_pts, ticks) - 1)
+        return max(0, bisect_right(self.reader.gops, ticks, key=lambda gop: gop.start_pts) - 1)
 
     def is_between(self, ticks: int | Fraction) -> bool:
         """Whether a time lies between the last frame of one GOP and the first of the next."""
@@ -114,10 +112,11 @@ class GopCache:
 
     def run_end(self, frame: int) -> int:
         """Return the end of the run of frames that holds `frame`: of a GOP, or of a gap."""
-        after = bisect_right(self._first_frames, frame)
-        if after and frame < self.reader.gops[after - 1].end_frame:
-            return self.reader.gops[after - 1].end_frame
-        return self._first_frames[after] if after < len(self._first_frames) else self.reader.frames
+        gops = self.reader.gops
+        after = bisect_right(gops, frame, key=lambda gop: gop.first_frame)
+        if after and frame < gops[after - 1].end_frame:
+            return gops[after - 1].end_frame
+        return gops[after].first_frame if after < len(gops) else self.reader.frames
 
     def check_open(self) -> None:
         """Raise `ValueError` after `close`."""

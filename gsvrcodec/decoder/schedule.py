@@ -34,8 +34,8 @@ class Schedule(Protocol):
     """The pictures to render, in order."""
 
     @property
-    def total(self) -> int:
-        """Number of pictures."""
+    def total(self) -> int | None:
+        """Number of pictures; None = not known yet."""
 
     @property
     def first_frame(self) -> int:
@@ -63,6 +63,24 @@ class Schedule(Protocol):
 
     def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
         """Render the pictures; with `keep_going` the decoder leaves out damaged ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComingFrames:
+    """All stored frames at their own timestamps, as they come by a pipe."""
+
+    start: Fraction  #: start of the video, seconds
+    stop: Fraction  #: end of what came so far, seconds
+    time_base: Fraction
+    rate: Fraction
+    total = None
+    first_frame = 0
+    speed = Fraction(1)
+
+    def pictures(self, decoder: Decoder) -> Iterator[TimedPicture]:
+        """Render the pictures."""
+        for frame in decoder.frames():
+            yield TimedPicture(frame.data, frame.pts, frame.duration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +153,8 @@ def schedule(
 ) -> Schedule:
     """Return the schedule of a part of the film; arguments as of `gsvrcodec.decode`.
 
+    A part of a pipe, or other times than those of its frames, wait for its end.
+
     Raises:
         UsageError: The part is empty or given twice, or a rate is out of range.
         CorruptError: The part starts or ends in a damaged GOP.
@@ -143,6 +163,11 @@ def schedule(
         raise UsageError("`start_seconds` and `start_frame` exclude each other; give one")
     if stop_seconds is not None and frames is not None:
         raise UsageError("`stop_seconds` and `frames` exclude each other; give one")
+    parts = (start_frame, frames, start_seconds, stop_seconds, fps)
+    if not decoder.complete and not any(parts) and speed == 1:
+        meta = decoder.known
+        rate = meta.average_rate.limit_denominator(_MAX_DENOMINATOR)
+        return ComingFrames(meta.begin_seconds, meta.end_seconds, meta.time_base, rate)
     length, meta = len(decoder), decoder.metadata
     if not 0 <= start_frame < length:
         raise UsageError(f"frame {start_frame} is out of range: the video has {length} frames")

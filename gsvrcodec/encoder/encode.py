@@ -11,17 +11,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
-from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
+from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
+from gsvrcodec.encoder.output import Destination, open_output
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
@@ -30,8 +33,9 @@ from gsvrcodec.encoder.structure import structure
 from gsvrcodec.encoder.verify import verify_file
 from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
-from gsvrcodec.files import check_output, fingerprint, gathered_output, is_stream
+from gsvrcodec.files import check_output, fingerprint, is_stream
 from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.planes import PACKS
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.versions import versions
 from gsvrcodec.video import (
@@ -116,7 +120,8 @@ def encode(
 
         # Plan: what each GOP gets.
         extras = read_extras(path, chosen.copied_kinds, _span(shown, video.info.time_base, chosen))
-        empty = _begin(io.BytesIO(), video.info, chosen, extras)
+        begin = partial(_begin, info=video.info, settings=chosen, extras=extras)
+        empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
         planned = plan(
             chains,
             stats,
@@ -128,30 +133,31 @@ def encode(
         )
 
         # Fit: chains side by side, the GOPs of each one after another.
+        check = partial(
+            _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
+        )
+        destination = Destination(
+            path=dst,
+            overwrite=overwrite,
+            begin=begin,
+            gops=gops,
+            checkpoint=checkpoint,
+            check=check if verify else None,
+        )
         meter = Meter(gops, checkpoint, began, progress)
         meter.report()
         missing = [chain for chain in chains if missing_frames(chain, checkpoint)]
         workers, threads = processes_for(missing, size, chosen)
         jobs = all_jobs(video, chains, planned, chosen, checkpoint, workers, began)
-        with closing(fit_gops(jobs, workers, threads)) as fitted:
-            for done in fitted:
-                gop = done.gop
-                figures = GopFigures(gop.psnr, gop.float_psnr, done.seconds, gop.qscale)
-                checkpoint.add(done.frames, figures, gop.payload)
-                meter.report()
-
-        # Write.
-        with gathered_output(dst, overwrite=overwrite) as path:
-            with path.open("w+b") as file:
-                writer = _begin(file, video.info, chosen, extras)
-                for frames in gops:
-                    writer.add_gop(checkpoint.payload(frames))
-                for stream in extras.streams:
-                    writer.add_auxiliary(STREAMS_TYPE, stream.payload)
-                writer.close()
-            if verify:
-                quality = {own.start: checkpoint.figures(own).psnr for own in gops}
-                verify_file(path, video, quality, threads)
+        with open_output(destination) as output:
+            with closing(fit_gops(jobs, workers, threads)) as fitted:
+                for done in fitted:
+                    gop = done.gop
+                    figures = GopFigures(gop.psnr, gop.float_psnr, done.seconds, gop.qscale)
+                    checkpoint.add(done.frames, figures, gop.payload)
+                    output.write_finished()
+                    meter.report()
+            writer = output.finish()
         gop_stats = _gop_stats(gops, stats, writer, checkpoint)
         _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
     count = gops[-1].stop
@@ -197,7 +203,17 @@ def _span(shown: tuple[int, int], time_base: Fraction, settings: EncodeSettings)
     )
 
 
-def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Extras) -> GsvrWriter:
+def _check(
+    path: Path, *, video: VideoReader, gops: Sequence[range], checkpoint: Checkpoint, threads: int
+) -> None:
+    """Compare a file with its source, and with the quality that was measured."""
+    quality = {own.start: checkpoint.figures(own).psnr for own in gops}
+    verify_file(path, video, quality, threads)
+
+
+def _begin(
+    file: BinaryIO, *, stream: bool, info: VideoInfo, settings: EncodeSettings, extras: Extras
+) -> GsvrWriter:
     """Write all that comes before the first GOP."""
     header = Header(
         width=info.width,
@@ -208,11 +224,14 @@ def _begin(file: BinaryIO, info: VideoInfo, settings: EncodeSettings, extras: Ex
         mirrored=info.mirrored,
         bit_depth=info.bit_depth,
         colour=info.colour,
+        flags_optional=IMAGE_CODECS_FLAG * (not IMAGE_CODECS.isdisjoint(PACKS[settings.pack])),
     )
-    writer = GsvrWriter(file, header)
+    writer = GsvrWriter(file, header, stream=stream)
     writer.add_auxiliary(SETTINGS_TYPE, json.dumps(settings.recorded()).encode())
     if extras.tags != Tags():
         writer.add_auxiliary(METADATA_TYPE, extras.tags.to_bytes())
+    for copied in extras.streams:
+        writer.add_auxiliary(STREAMS_TYPE, copied.payload)
     return writer
 
 

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.limits import Limits
 from gsvrcodec.planes import constant, context, deflate, jxl, png, ranges
 from gsvrcodec.planes.prior import PriorPlanes
@@ -113,6 +113,7 @@ def _promising(codec: Codec, samples: Samples, shape: PlaneShape, best: int) -> 
     return part is not None and len(part) * shape.height <= _TRIAL_MARGIN * best * rows
 
 
+@spec_section("6")
 def decode_plane(
     codec: int,
     data: bytes,

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from gsvrcodec.bitstream.chunk import GOP_TYPE
+from gsvrcodec.bitstream.chunk import (
+    GOP_TYPE,
+    METADATA_TYPE,
+    SETTINGS_TYPE,
+    STREAMS_TYPE,
+    ChunkEntry,
+)
 from gsvrcodec.bitstream.gop_chain import GopUnpacker
-from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, GopEntry, GopHead, parse_gop_head
+from gsvrcodec.bitstream.gop_head import GopEntry, GopHead
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.source import Readable
+from gsvrcodec.bitstream.tags import container_of, parse_settings, parse_tags
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
@@ -46,8 +52,9 @@ class FileInfo:
 
     path: str
     metadata: Metadata
-    gops: tuple[GopInfo, ...]
+    gops: tuple[GopInfo, ...]  #: but for those whose heads are damaged
     image_codecs: bool  #: whether planes coded as PNG or JPEG XL may occur, by the header
+    stream: bool  #: whether the file was written front to back, by the header
     recovered: bool  #: whether the file has no valid index: it is cut short or damaged
     warnings: tuple[str, ...]  #: faults that do not prevent decoding
 
@@ -73,6 +80,7 @@ class FileInfo:
             "file": self.path,
             "version": meta.version,
             "image_codecs": self.image_codecs,
+            "stream": self.stream,
             "width": meta.width,
             "height": meta.height,
             "frames": meta.frames,
@@ -99,8 +107,12 @@ class FileInfo:
         }
 
 
-def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> FileInfo:
+def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
     """Return the properties of a file, from its header, its index and the heads of its GOPs.
+
+    Args:
+        source: Path, URL, bytes, or a binary file object.
+        limits: Limits on the content; None = the defaults, or those of the environment.
 
     Raises:
         InputError: The file cannot be read.
@@ -108,57 +120,71 @@ def inspect(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Fi
         UnsupportedError: The file needs a feature that this version does not have, or is over
             `limits`.
     """
-    with GsvrReader(path, limits) as reader, Path(path).open("rb") as file:
-        gops = []
-        for entry in reader.gops:
-            file.seek(entry.chunk.payload_offset)
+    with GsvrReader(source, limits) as reader:
+        while reader.grow():
+            pass
+        gops, warnings = [], list(reader.warnings)
+        for position, entry in enumerate(reader.gops):
             try:
-                head = parse_gop_head(file.read(GOP_HEAD_BYTES))
+                gops.append(_gop_info(entry, reader.read_gop_head(position)))
             except CorruptError as error:
-                raise error.located(entry.chunk.name, entry.offset) from error
-            gops.append(_gop_info(entry, head))
+                warnings.append(str(error))
         return FileInfo(
-            os.fspath(path),
+            reader.name,
             Metadata.of(reader),
             tuple(gops),
             reader.header.image_codecs,
+            reader.header.stream,
             reader.recovered,
-            reader.warnings,
+            tuple(warnings),
         )
 
 
-def inspect_bytes(
-    path: str | os.PathLike[str], *, limits: Limits | None = None
-) -> tuple[Item, ...]:
+def inspect_bytes(source: Readable, *, limits: Limits | None = None) -> tuple[Item, ...]:
     """Return the bytes of a file by purpose; reads the whole file. Raises as `inspect`."""
-    with GsvrReader(path, limits) as reader:
+    with GsvrReader(source, limits) as reader:
+        while reader.grow():
+            pass
         return spending(reader, limits)
 
 
-def verify(path: str | os.PathLike[str], *, limits: Limits | None = None) -> Iterator[str]:
-    """Check every checksum of a file and decode every plane; yield one sentence a fault.
+def verify(source: Readable, *, limits: Limits | None = None) -> Iterator[str]:
+    """Check every rule of the spec that needs no rendering; yield one sentence a fault.
 
-    A GOP that is predicted from a damaged or lost one is a fault too.
+    Every checksum is checked and every plane decoded. A GOP that is predicted from a damaged or
+    lost one is a fault too. Each sentence ends with the section of the spec that has the rule.
 
     Raises:
-        InputError, CorruptError, UnsupportedError: As `inspect`, if the file cannot be opened.
+        InputError, UnsupportedError: As `inspect`.
     """
     limits = limits or Limits.from_environment()
-    with GsvrReader(path, limits) as reader:
-        if reader.recovered:
-            yield from reader.warnings
-        gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
-        unpacker = GopUnpacker(reader, limits)
-        for chunk in reader.chunks:
-            try:
-                if chunk.offset in gops:
-                    unpacker.unpack(gops[chunk.offset])
-                else:
-                    reader.read_chunk(chunk)
-            except CorruptError as error:
-                yield str(error)
-                if error.offset != chunk.offset:
-                    yield from _own_fault(reader, gops[chunk.offset], limits)
+    try:
+        with GsvrReader(source, limits) as reader:
+            while reader.grow():
+                pass
+            yield from _faults(reader, limits)
+    except CorruptError as error:
+        yield _sentence(error)
+
+
+def _faults(reader: GsvrReader, limits: Limits) -> Iterator[str]:
+    """Yield the faults of a file that could be opened."""
+    if reader.recovered:
+        yield from (f"{each} (spec section 11)" for each in reader.warnings)
+    else:
+        yield from (f"{each} (spec section 3)" for each in reader.repeated)
+    gops = {entry.offset: position for position, entry in enumerate(reader.gops)}
+    unpacker = GopUnpacker(reader, limits)
+    for chunk in reader.chunks:
+        try:
+            if chunk.offset in gops:
+                unpacker.unpack(gops[chunk.offset])
+            else:
+                _check_auxiliary(reader, chunk)
+        except CorruptError as error:
+            yield _sentence(error.located(chunk.name, chunk.offset))
+            if error.offset is not None and error.offset != chunk.offset:
+                yield from _own_fault(reader, gops[chunk.offset], limits)
 
 
 def _own_fault(reader: GsvrReader, position: int, limits: Limits) -> Iterator[str]:
@@ -167,7 +193,25 @@ def _own_fault(reader: GsvrReader, position: int, limits: Limits) -> Iterator[st
         payload = reader.read_gop(position)
         unpack_gop(payload, reader.header, limits)
     except CorruptError as error:
-        yield str(error.located(GOP_TYPE.decode(), reader.gops[position].offset))
+        yield _sentence(error.located(GOP_TYPE.decode(), reader.gops[position].offset))
+
+
+def _check_auxiliary(reader: GsvrReader, chunk: ChunkEntry) -> None:
+    """Raise a CorruptError if a chunk that is no GOP is damaged or breaks a rule."""
+    payload = reader.read_chunk(chunk)
+    if chunk.type == SETTINGS_TYPE:
+        parse_settings(payload)
+    elif chunk.type == METADATA_TYPE:
+        described, there = len(parse_tags(payload).streams), len(reader.streams)
+        if described not in (0, there):
+            raise CorruptError(f"tags of {described} streams, {there} are there", section="10")
+    elif chunk.type == STREAMS_TYPE:
+        container_of(payload)
+
+
+def _sentence(error: CorruptError) -> str:
+    """What is wrong, and the section of the spec that says so."""
+    return f"{error} (spec section {error.section})" if error.section else str(error)
 
 
 def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:

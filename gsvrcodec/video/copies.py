@@ -14,7 +14,7 @@ import av
 from av.container import InputContainer, OutputContainer
 from av.stream import Stream
 
-from gsvrcodec.bitstream.tags import StreamTags
+from gsvrcodec.bitstream.tags import StreamTags, container_of
 from gsvrcodec.video.probe import demuxed
 from gsvrcodec.video.streams import DEMUXERS, place
 from gsvrcodec.video.tags import write_stream_tags
@@ -144,22 +144,5 @@ def _start(packet: av.Packet[Any]) -> Fraction:
 
 
 def _opened(payload: bytes) -> InputContainer:
-    """Open the container file of one stream."""
-    return av.open(io.BytesIO(payload), "r", format=_demuxer(payload))
-
-
-def _demuxer(payload: bytes) -> str:
-    """Return FFmpeg's name of the demuxer for a container file, by its first bytes.
-
-    No other demuxer may read bytes from a .gsvr file.
-
-    Raises:
-        ValueError: The container is neither MP4 nor Matroska nor NUT.
-    """
-    if payload[4:8] == b"ftyp":
-        return DEMUXERS["mp4"]
-    if payload.startswith(b"\x1aE\xdf\xa3"):
-        return DEMUXERS["matroska"]
-    if payload.startswith(b"nut/multimedia container\0"):
-        return DEMUXERS["nut"]
-    raise ValueError("it is neither MP4 nor Matroska nor NUT")
+    """Open the container file of one stream; no other demuxer may read its bytes."""
+    return av.open(io.BytesIO(payload), "r", format=DEMUXERS[container_of(payload)])

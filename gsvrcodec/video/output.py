@@ -21,7 +21,7 @@ class OutputInfo:
     height: int  #: pixels
     time_base: Fraction  #: seconds a tick
     rate: Fraction  #: mean frame rate, frames a second
-    frames: int  #: number of pictures
+    frames: int  #: number of pictures; 0 = not known, but for numbered ones
     bit_depth: int = 8  #: bits a sample: 8 (uint8) or 10 (uint16, 0 to 1023)
     first_frame: int = 0  #: number of the first picture in the film, from 0
     sample_aspect: Fraction = Fraction(1)  #: width of a pixel over its height

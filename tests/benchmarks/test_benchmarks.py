@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import gsvrcodec
 from gsvrcodec.metrics import psnr
 from gsvrcodec.report.compare import report
 from gsvrcodec.video import open_video
 from tests import making
+from tests.benchmarks import ranges
 from tests.benchmarks.clips import diverged, summary
 from tests.benchmarks.encodes import MemoryWatch, Row, measure
 from tests.benchmarks.interpolation import interpolate
@@ -210,3 +213,13 @@ class TestPage:
             "",
         ]
         assert not list(bd_section({}))
+
+
+def test_a_seek_reads_little_more_than_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ranges, "GAUSSIANS", 300)
+    monkeypatch.setattr(ranges, "NEW", 20)
+    result = CliRunner().invoke(ranges.main, ["--minutes", "1", "--seeks", "5"])
+    assert result.exit_code == 0, result.output
+    found = re.search(r"at most ([\d.]+)% more than needed", result.output)
+    assert found is not None
+    assert float(found[1]) < 1

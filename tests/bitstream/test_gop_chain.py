@@ -196,14 +196,18 @@ class TestUnpacker:
         with pytest.raises(LimitError, match="would expand to 3120 bytes"):
             unpacker.unpack(1)
 
-    def test_a_damaged_count_is_no_limit(self) -> None:
-        # Without an index the summary comes from the damaged chunk itself.
+    def test_nothing_of_a_damaged_gop_is_believed(self) -> None:
+        """Without an index there is no other summary of a GOP than the one in its chunk."""
         chunks = pieces(FILE)[:7]
         data = bytearray(joined(chunks, reindex=False))
-        data[data.index(CHAIN[2]) + 15] ^= 0x80
-        unpacker = GopUnpacker(opened(bytes(data)), Limits())
+        payload = data.index(CHAIN[2])
+        data[payload + 15] ^= 0x80
+        reader = opened(bytes(data))
+        assert [gop.first_frame for gop in reader.gops] == [0, 3, 6, 10, 12]
+        assert f"GOPD at byte {payload - 16}" in " ".join(reader.warnings)
+        unpacker = GopUnpacker(reader, Limits())
         unpacker.unpack(1)
-        with pytest.raises(CorruptError, match="CRC mismatch"):
+        with pytest.raises(CorruptError, match="frame 5 is lost, which the GOP at frame 6"):
             unpacker.unpack(2)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop
-from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
 from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError
 from gsvrcodec.limits import Limits
@@ -49,6 +49,7 @@ HEADER = Header(
     max_gaussians=100,
     max_gop_frames=50,
     max_grid=(9, 9, 9),
+    flags_optional=IMAGE_CODECS_FLAG,
 )
 ROOT = Path(__file__).parents[2]
 PTS = 40 * np.arange(3)

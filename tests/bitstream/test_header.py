@@ -52,7 +52,7 @@ class TestHeader:
 
     @given(st.binary(min_size=HEADER_BYTES, max_size=HEADER_BYTES))
     def test_random_bytes_raise_our_errors_alone(self, payload: bytes) -> None:
-        for data in (payload, b"\0\0\1\0\0\0\0\0" + payload[8:]):
+        for data in (payload, b"\1\0\0\0\0\0\0\0" + payload[8:]):
             try:
                 header = parse_header(data, LIMITS)
             except GsvrError:
@@ -89,11 +89,11 @@ class TestHeader:
 
     def test_a_longer_header_of_a_newer_minor_version_is_read(self) -> None:
         payload = replace(HEADER, version_minor=99).to_bytes() + b"more"
-        assert parse_header(payload, LIMITS).version == "0.99"
+        assert parse_header(payload, LIMITS).version == "1.99"
 
     def test_another_major_version_names_both(self) -> None:
         payload = replace(HEADER, version_major=2, version_minor=3).to_bytes()
-        with pytest.raises(UnsupportedError, match=r"version 2\.3, this decoder reads 0\.x"):
+        with pytest.raises(UnsupportedError, match=r"version 2\.3, this decoder reads 1\.x"):
             parse_header(payload, LIMITS)
 
     @pytest.mark.parametrize(

@@ -16,10 +16,12 @@ import numpy as np
 import pytest
 
 import gsvrcodec
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.cli import dec
 from gsvrcodec.video import open_video
 from tests import making
 from tests.cli.tools import Runner, start
+from tests.vectors.make import VALID
 
 
 @pytest.fixture
@@ -249,6 +251,37 @@ class TestPipes:
         assert process.returncode == 0
         assert out == (tmp_path / "out.y4m").read_bytes()
         assert err.decode().startswith("24 frames in ")
+
+    @pytest.mark.parametrize("name", ["stream", "stream-growing"])
+    def test_stdin_is_decoded_as_it_comes(self, name: str) -> None:
+        vector = VALID / f"{name}.gsvr"
+        with GsvrReader(vector) as reader:
+            first = reader.gops[0].chunk.end
+        process = start("gsvrdec", "-", "-", "-q", "--muxer", "y4m", stdin=PIPE, stdout=PIPE)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(vector.read_bytes()[:first])
+        process.stdin.flush()
+        line = process.stdout.readline()
+        assert line.startswith(b"YUV4MPEG2 W64 H48 F25:1 ")
+        frame = process.stdout.read(len(b"FRAME\n") + 64 * 48)
+        assert frame.startswith(b"FRAME\n")
+        process.stdin.write(vector.read_bytes()[first:])
+        process.stdin.close()
+        rest = process.stdout.read()
+        process.stdout.close()
+        assert process.wait(timeout=60) == 0
+        whole = start("gsvrdec", vector, "-", "-q", stdout=PIPE)
+        assert line + frame + rest == whole.communicate(timeout=60)[0]
+
+    @pytest.mark.parametrize(("cut", "code"), [(1000, 3), (0, 0)])
+    def test_stdin_that_is_no_stream(self, path: Path, cut: int, code: int) -> None:
+        """A file is decoded as it comes too; if its end is missing, it is damaged."""
+        data = path.read_bytes()
+        process = start("gsvrdec", "-", "-q", "--muxer", "null", stdin=PIPE, stderr=PIPE)
+        err = process.communicate(data[: len(data) - cut], timeout=60)[1].decode()
+        assert process.returncode == code
+        assert ("-: the file is cut short or damaged" in err) == bool(code)
 
     def test_named_pipe(self, cli: Runner, path: Path, tmp_path: Path) -> None:
         os.mkfifo(tmp_path / "pipe.mkv")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import gsvrcodec
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.cli import enc
 from gsvrcodec.encoder.settings import EncodeSettings
 from tests import making
@@ -94,7 +95,7 @@ def test_rate_options(cli: Runner, tmp_path: Path) -> None:
 
 
 class TestStandardOutput:
-    def test_is_the_same_file(self, tmp_path: Path) -> None:
+    def test_is_a_stream_of_the_same_gops(self, tmp_path: Path) -> None:
         environment = {"TMPDIR": str(tmp_path)}
         gsvrenc = ("gsvrenc", making.NOISE)
         process = start(
@@ -103,8 +104,28 @@ class TestStandardOutput:
         piped = process.communicate(timeout=120)[0]
         assert process.returncode == 0
         assert start(*gsvrenc, tmp_path / "a.gsvr", "-q", *SMALL).wait(timeout=120) == 0
-        assert piped == (tmp_path / "a.gsvr").read_bytes()
         assert [path.name for path in tmp_path.iterdir()] == ["a.gsvr"]
+        with GsvrReader(piped) as stream, GsvrReader(tmp_path / "a.gsvr") as file:
+            assert (stream.header.stream, file.header.stream) == (True, False)
+            assert stream.warnings == file.warnings == ()
+            assert [stream.read_gop(n) for n in range(len(stream.gops))] == [
+                file.read_gop(n) for n in range(len(file.gops))
+            ]
+            assert stream.settings() == file.settings()
+
+    def test_goes_into_the_decoder(self, cli: Runner, tmp_path: Path) -> None:
+        encoder = start("gsvrenc", making.NOISE, "-", "-q", *SMALL, stdout=subprocess.PIPE)
+        decoder = start(
+            *("gsvrdec", "-", "-q", "--muxer", "md5"),
+            stdin=encoder.stdout,
+            stdout=subprocess.PIPE,
+        )
+        assert encoder.stdout is not None
+        encoder.stdout.close()
+        piped = decoder.communicate(timeout=120)[0]
+        assert encoder.wait(timeout=120) == decoder.returncode == 0
+        assert cli("gsvrenc", making.NOISE, tmp_path / "a.gsvr", "-q", *SMALL).code == 0
+        assert cli("gsvrdec", tmp_path / "a.gsvr", "-q", "--muxer", "md5").out == piped.decode()
 
     def test_holds_one_thing_fails(self, cli: Runner, tmp_path: Path) -> None:
         for args in (["-", "--stats", "-"], ["-", "--progress", "json"]):

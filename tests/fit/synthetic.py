@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
-from gsvrcodec.bitstream.header import Header
+from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.settings import EncodeSettings
@@ -98,6 +98,7 @@ def unpacked(done: EncodedGop, job: GopJob) -> GopContent:
         max_gaussians=10**6,
         max_gop_frames=len(job.frames),
         max_grid=(64, 64, 64),
+        flags_optional=IMAGE_CODECS_FLAG,
     )
     return unpack_gop(done.payload, header, Limits())
 

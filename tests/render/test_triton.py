@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -17,6 +18,7 @@ if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
 
 from gsvrcodec.bitstream.gop_chain import WholeGop
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
@@ -32,6 +34,9 @@ from gsvrcodec.render.triton import launch
 from gsvrcodec.render.triton.launch import Pass
 from tests.render import examples
 from tests.render.examples import TAU, Example, Gradients
+from tests.vectors import check
+from tests.vectors.description import Picture, render
+from tests.vectors.make import VALID
 
 #: Not "cpu", which would be the native backend.
 PLACE = "cuda:0" if torch.cuda.is_available() else "cpu:0"
@@ -100,6 +105,18 @@ def test_codes(bit_depth: int) -> None:
     again = backend.render(prepared, taus, SIZE, SIZE, bit_depth=bit_depth, out=tensor)
     assert again is tensor
     np.testing.assert_array_equal(tensor.numpy(force=True), actual)
+
+
+@pytest.mark.parametrize("name", ["minimal", "black-triplane", "levels-1x1", "predicted"])
+def test_conformance(name: str) -> None:
+    """The vectors that the interpreter renders in time; a GPU renders them all in seconds."""
+    described = json.loads((VALID / f"{name}.json").read_text())
+    with GsvrReader(VALID / f"{name}.gsvr") as reader:
+        for fields in described["pictures"]:
+            picture = Picture(**fields)
+            found = render(reader, picture, gpu.TritonBackend(PLACE))
+            wanted = check.read_picture(picture.file)
+            assert not list(check.picture_differences(picture.file, found, wanted))
 
 
 def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:

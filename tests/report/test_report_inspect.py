@@ -9,11 +9,12 @@ import pytest
 
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.errors import CorruptError, NotGsvrError
+from gsvrcodec.errors import NotGsvrError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ALL_ATTRIBUTES, ATTRIBUTES
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
+from tests.vectors.make import VALID
 
 
 class TestInspect:
@@ -54,6 +55,7 @@ class TestInspect:
         data = info.to_dict()
         assert (data["key_gops"], data["gaussians"], data["carried_gaussians"]) == (1, 180, 96)
         assert not data["image_codecs"]
+        assert not data["stream"]
 
     def test_unfinished_file(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", close=False))
@@ -120,6 +122,13 @@ class TestBytes:
         assert sum(found.values()) == len(data)
 
 
+def test_stream() -> None:
+    info = inspect(VALID / "stream-growing.gsvr")
+    assert info.stream
+    assert not info.recovered
+    assert info.warnings == ()
+
+
 class TestVerify:
     def test_sound(self, tmp_path: Path) -> None:
         assert list(verify(making.gsvr_file(tmp_path / "a.gsvr", settings={}))) == []
@@ -136,13 +145,13 @@ class TestVerify:
         damage = "damaged payload (CRC mismatch)"
         also = "the GOP at frame {} is predicted from this one"
         assert list(verify(path)) == [
-            f"chunk GOPD at byte {second.offset}: {damage}",
-            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(8)}",
-            f"chunk GOPD at byte {third.offset}: {damage}",
-            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(12)}",
+            f"chunk GOPD at byte {second.offset}: {damage} (spec section 3)",
+            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(8)} (spec section 3)",
+            f"chunk GOPD at byte {third.offset}: {damage} (spec section 3)",
+            f"chunk GOPD at byte {second.offset}: {damage}; {also.format(12)} (spec section 3)",
         ]
         path.write_bytes(data[: first.offset] + data[first.chunk.end :])
-        assert any("frame 0 is lost" in fault for fault in verify(path))
+        assert any("frame 8 is lost" in fault for fault in verify(path))
 
     def test_every_chunk_is_checked(self, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 1})
@@ -164,5 +173,19 @@ class TestVerify:
     def test_nothing_left_fails(self, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr")
         path.write_bytes(path.read_bytes()[:200])
-        with pytest.raises(CorruptError):
-            list(verify(path))
+        (fault,) = verify(path)
+        assert fault.startswith("the file has no whole GOP; ")
+        assert fault.endswith("(spec section 3)")
+
+    def test_a_gop_without_a_head_is_left_out(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr")
+        sound = inspect(path)
+        with GsvrReader(path) as reader:
+            offset = reader.gops[1].chunk.payload_offset
+        data = bytearray(path.read_bytes())
+        data[offset + 70] ^= 1
+        path.write_bytes(data)
+        info = inspect(path)
+        assert info.gops == (sound.gops[0], sound.gops[2])
+        assert len(info.warnings) == 1
+        assert info.metadata.gops == 3
