@@ -35,7 +35,7 @@ def open_source(where: Readable) -> Source:
     if name == "-":
         return _of_file(sys.stdin.buffer, "the standard input", owned=False)
     if is_url(name):
-        return _Remote(_open_url(name), name)
+        return _open_url(name)
     try:
         return _of_file(Path(name).open("rb"), name, owned=True)
     except OSError as error:
@@ -180,7 +180,7 @@ class Pipe(Source):
         try:
             # `read` of a buffered file waits until it has all that it is asked for.
             data = getattr(self._pipe, "read1", self._pipe.read)(_PIECE_BYTES)
-        except OSError as error:
+        except Exception as error:  # as in `_Remote`
             raise InputError(f"{self.name}: {_reason(error)}") from error
         self.arriving = bool(data)
         self._file.seek(self._size)
@@ -191,8 +191,8 @@ def _of_file(file: BinaryIO, name: str, *, owned: bool) -> Source:
     return (Source if file.seekable() else Pipe)(file, name, owned=owned)
 
 
-def _open_url(url: str) -> BinaryIO:
-    """Open a URL by fsspec, without reading ahead.
+def _open_url(url: str) -> Source:
+    """Open a URL by fsspec, without reading ahead; front to back where a server gives no ranges.
 
     Raises:
         InputError: The URL cannot be opened, or what it takes is not installed.
@@ -203,7 +203,13 @@ def _open_url(url: str) -> BinaryIO:
         raise InputError(f"{url}: URLs need fsspec: pip install 'gsvrcodec[url]'") from error
     try:
         system, path = url_to_fs(url)
-        return cast(BinaryIO, system.open(path, "rb", cache_type="none"))
+        file = cast(BinaryIO, system.open(path, "rb", cache_type="none"))
+        try:
+            file.seek(1)
+            file.read(1)
+        except ValueError:
+            return Pipe(cast(BinaryIO, system.open(path, "rb", block_size=0)), url, owned=True)
+        return _Remote(file, url)
     except FileNotFoundError as error:
         raise InputError(f"{url}: no such file") from error
     except Exception as error:  # each library has its own, and few are OSErrors

@@ -28,6 +28,7 @@ class Server(ThreadingHTTPServer):
     """Serves FILE at /film.gsvr by ranges, and counts the bytes."""
 
     sent = 0
+    ranges = True
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -43,12 +44,14 @@ class Handler(BaseHTTPRequestHandler):
         if self.path != "/film.gsvr":
             self.send_error(404)
             return
-        asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
+        asked = self.server.ranges and re.fullmatch(
+            r"bytes=(\d+)-(\d*)", self.headers.get("Range", "")
+        )
         data = FILE[int(asked[1]) : int(asked[2]) + 1 if asked[2] else None] if asked else FILE
         self.send_response(206 if asked else 200)
-        self.send_header("Accept-Ranges", "bytes")
         self.send_header("Content-Length", str(len(data)))
         if asked:
+            self.send_header("Accept-Ranges", "bytes")
             first = int(asked[1])
             self.send_header("Content-Range", f"bytes {first}-{first + len(data) - 1}/{len(FILE)}")
         self.end_headers()
@@ -128,7 +131,8 @@ class TestUrl:
         with GsvrReader(url(server)) as reader:
             opened = server.sent
             header, index = reader.chunks[0].end, len(FILE) - reader.gops[-1].chunk.end
-            assert header + index <= opened <= header + index + 3 * 16  # three chunk heads twice
+            # Three chunk heads are read twice, and a byte tells whether the server gives ranges.
+            assert header + index <= opened <= header + index + 3 * 16 + 1
             assert reader.read_gop(2) == CHAIN[2]
             assert server.sent == opened + len(CHAIN[2]) + 20
             assert payloads(reader) == CHAIN
@@ -137,6 +141,14 @@ class TestUrl:
     def test_film(self, server: Server) -> None:
         with gsvrcodec.open(url(server)) as remote, gsvrcodec.open(FILE) as local:
             assert (remote[6].data == local[6].data).all()
+
+    def test_a_server_without_ranges(self, server: Server) -> None:
+        """It is read front to back, as a pipe is."""
+        server.ranges = False
+        with gsvrcodec.open(url(server)) as remote, gsvrcodec.open(FILE) as local:
+            assert not remote.complete
+            assert (remote[6].data == local[6].data).all()
+            assert len(remote) == len(local)
 
     def test_another_filesystem(self) -> None:
         with fsspec.open("memory://film.gsvr", "wb") as file:
