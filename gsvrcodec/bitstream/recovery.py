@@ -1,4 +1,4 @@
-"""The walk from chunk to chunk, for files without a valid index and pipes (spec section "The walk")."""
+"""The walk from chunk to chunk, without an index or its end (spec section "The walk")."""
 
 from __future__ import annotations
 
