@@ -56,7 +56,8 @@ class Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Range", f"bytes {first}-{first + len(data) - 1}/{len(FILE)}")
         self.end_headers()
         if body:
-            self.server.sent += self.wfile.write(data)
+            self.server.sent += len(data)  # before the reader goes on
+            self.wfile.write(data)
 
     def log_message(self, *_: object) -> None:
         """Say nothing."""
