@@ -80,7 +80,7 @@ def taken(path: Path) -> tuple[list[int], list[str]]:
 def _runs(path: Path) -> Iterator[tuple[int, str]]:
     with tempfile.TemporaryDirectory() as folder:
         film = str(Path(folder) / "film.y4m")
-        common = ["-q", "-y", "--device", "cpu", str(path), film]
+        common = ["-q", "-y", "--device", "cpu", "--threads", "1", str(path), film]
         for main, arguments in (
             (dec.main, common),
             (dec.main, ["--keep-going", *common]),

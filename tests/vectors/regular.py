@@ -10,8 +10,7 @@ import numpy as np
 
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.model.prediction import look_at
-from gsvrcodec.render import reference
-from gsvrcodec.render.reference import ReferenceBackend
+from gsvrcodec.render.native import NativeBackend
 from tests.vectors.description import Picture, gop_at
 
 
@@ -34,7 +33,9 @@ def irregular(reader: GsvrReader, picture: Picture) -> Iterator[str]:
     if (colour > 8).any():
         yield "a colour"
     # The magnitudes, drawn with a tri-plane that leaves them as they are.
-    parameters = ReferenceBackend().prepare(replace(gop, colour=colour))
-    parameters["xy"][..., 5:] = 0
-    if reference.render(parameters, tau, size, coded).max() > 32:
+    xy = gop.xy.copy()
+    xy[..., 5:] = 0
+    backend = NativeBackend()
+    drawn = backend.prepare(replace(gop, colour=colour, xy=xy))
+    if backend.picture(drawn, tau, size, coded).max() > 32:
         yield "a sum of weights"
