@@ -119,6 +119,11 @@ class GsvrReader:
             self._add(walk.chunks[chunks:], walk.gops[gops:])
             return len(walk.gops) > gops
 
+    def to_the_end(self) -> None:
+        """Wait until all of a pipe has come; raises as `grow`."""
+        while self.grow():
+            pass
+
     def _add(self, chunks: Sequence[ChunkEntry], gops: Sequence[GopEntry]) -> None:
         """Add what is known now; the GOPs last, for other threads may take them at once."""
         self._chunks += chunks

@@ -121,8 +121,7 @@ def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
             `limits`.
     """
     with GsvrReader(source, limits) as reader:
-        while reader.grow():
-            pass
+        reader.to_the_end()
         gops, warnings = [], list(reader.warnings)
         for position, entry in enumerate(reader.gops):
             try:
@@ -143,8 +142,7 @@ def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
 def inspect_bytes(source: Readable, *, limits: Limits | None = None) -> tuple[Item, ...]:
     """Return the bytes of a file by purpose; reads the whole file. Raises as `inspect`."""
     with GsvrReader(source, limits) as reader:
-        while reader.grow():
-            pass
+        reader.to_the_end()
         return spending(reader, limits)
 
 
@@ -160,8 +158,7 @@ def verify(source: Readable, *, limits: Limits | None = None) -> Iterator[str]:
     limits = limits or Limits.from_environment()
     try:
         with GsvrReader(source, limits) as reader:
-            while reader.grow():
-                pass
+            reader.to_the_end()
             yield from _faults(reader, limits)
     except CorruptError as error:
         yield _sentence(error)
