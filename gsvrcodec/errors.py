@@ -21,6 +21,10 @@ class OutputError(GsvrError, OSError):
     """The output exists, is the input, or cannot be written."""
 
 
+class AddressError(GsvrError, OSError):
+    """The server cannot listen: its port is taken, or its address not one of this machine's."""
+
+
 class WorkerError(GsvrError, RuntimeError):
     """A worker process of the encoder died."""
 
@@ -42,7 +46,7 @@ class UsageError(GsvrError, ValueError):
 
 
 class NotAVideoError(GsvrError, ValueError):
-    """The input has no video stream, or no frame in it."""
+    """The input has no video stream, no frame in it, or, a directory, no film."""
 
     exit_code: ClassVar[int] = 3
 

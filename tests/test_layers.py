@@ -23,6 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "model": {"errors", "numpy"},
     "planes": {"errors", "limits", "native", "numpy", "imagecodecs"},
     "bitstream": {"errors", "limits", "model", "planes", "numpy", "fsspec"},
+    "play": {"errors", "files", "bitstream"},
     "render": {"errors", "model", "native", "numpy", "torch", "triton"},
     "video": {"errors", "limits", "files", "bitstream", "numpy", "av"},
     "versions": {"bitstream", "native", "video"},
@@ -58,7 +59,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "cli": {
         *("errors", "limits", "files", "versions", "model", "bitstream", "video"),
-        *("decoder", "encoder", "fit", "report", "click", "rich"),
+        *("decoder", "encoder", "fit", "report", "play", "click", "rich"),
     },
 }
 

@@ -41,6 +41,7 @@ class TestErrors:
         [
             (errors.InputError, 1, OSError),
             (errors.OutputError, 1, OSError),
+            (errors.AddressError, 1, OSError),
             (errors.WorkerError, 1, RuntimeError),
             (errors.UsageError, 2, ValueError),
             (errors.NotAVideoError, 3, ValueError),

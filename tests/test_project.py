@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
-from gsvrcodec.cli import dec, enc, info, report
+from gsvrcodec.cli import dec, enc, info, play, report
 from tests import making
 
 ROOT = Path(__file__).parent.parent
@@ -22,6 +22,7 @@ COMMANDS = {
     "gsvrdec": dec.command,
     "gsvrinfo": info.command,
     "gsvrreport": report.command,
+    "gsvrplay": play.command,
 }
 
 

@@ -1,4 +1,4 @@
-"""Shared by the four commands: errors in one line, exit codes, messages, options."""
+"""Shared by the commands: errors in one line, exit codes, messages, options."""
 
 from __future__ import annotations
 

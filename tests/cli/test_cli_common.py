@@ -1,4 +1,4 @@
-"""What holds for all four commands."""
+"""What holds for all commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import click
 import pytest
 
 import gsvrcodec
-from gsvrcodec.cli import dec, enc, info, report, values
+from gsvrcodec.cli import dec, enc, info, play, report, values
 from gsvrcodec.cli.common import as_options, run
 from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
 from gsvrcodec.encoder.encode import Progress
@@ -32,6 +32,7 @@ COMMANDS = {
     "gsvrdec": dec.command,
     "gsvrinfo": info.command,
     "gsvrreport": report.command,
+    "gsvrplay": play.command,
 }
 HEAVY = {"torch", "cv2", "matplotlib", "rich"}
 
@@ -93,7 +94,7 @@ class TestAll:
         assert "No such option" in cli.fails(2, name, "--fastt", "a", "b")
 
     def test_missing_input_fails(self, cli: Runner, name: str, tmp_path: Path) -> None:
-        args = [tmp_path / "none"] + [tmp_path / "out.mp4"] * (name != "gsvrinfo")
+        args = [tmp_path / "none"] + [tmp_path / "out.mp4"] * (name not in ("gsvrinfo", "gsvrplay"))
         assert str(tmp_path / "none") in cli.fails(1, name, *args)
         assert not list(tmp_path.iterdir())
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import pytest
 
-from gsvrcodec.cli import dec, enc, info, report
+from gsvrcodec.cli import dec, enc, info, play, report
 
 MAINS = {
     "gsvrenc": enc.main,
     "gsvrdec": dec.main,
     "gsvrinfo": info.main,
     "gsvrreport": report.main,
+    "gsvrplay": play.main,
 }
 ROOT = Path(__file__).parent.parent.parent
 

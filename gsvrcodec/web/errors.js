@@ -1,0 +1,45 @@
+/** What can be wrong with a film (section 1). Each message is a sentence for a person. */
+
+/** A failure that is told to the user: of the film, the network, or the browser. */
+export class GsvrError extends Error {
+  name = "GsvrError";
+}
+
+/** The film breaks a rule; if `recoverable`, `Film.open` with `keepGoing` may still find GOPs. */
+export class CorruptError extends GsvrError {
+  name = "CorruptError";
+  recoverable = false;
+}
+
+/** The film needs a feature or a size that this decoder does not have. */
+export class UnsupportedError extends GsvrError {
+  name = "UnsupportedError";
+}
+
+/** Report a broken rule. */
+export function check(condition, message) {
+  if (!condition) throw new CorruptError(message);
+}
+
+/** Return an error with the place of the fault before its sentence. */
+export function located(error, place) {
+  if (error instanceof GsvrError) {
+    error.message = `${place}: ${error.message[0].toLowerCase()}${error.message.slice(1)}`;
+  }
+  return error;
+}
+
+/** Whether an error tells of the film, and not, for example, of the network. */
+export function isFault(error) {
+  return error instanceof CorruptError || error instanceof UnsupportedError;
+}
+
+/** Return what a promise gives, or the CorruptError that it fails with. */
+export async function orFault(promise) {
+  try {
+    return await promise;
+  } catch (error) {
+    if (error instanceof CorruptError) return error;
+    throw error;
+  }
+}

@@ -1,0 +1,250 @@
+/** A film: what section 11 says about reading a file. */
+
+import { DROPPED, SLOTS } from "./attributes.js";
+import { readMetadata, readStream } from "./auxiliary.js";
+import { Cursor } from "./bytes.js";
+import {
+  checkSignature, readChunkHead, readPayload, refuseUnknown, SIGNATURE_BYTES,
+} from "./chunks.js";
+import { check, CorruptError, GsvrError, isFault, located, orFault } from "./errors.js";
+import { unpackGop } from "./gop.js";
+import { readSummary } from "./gop_head.js";
+import { parseHeader } from "./header.js";
+import { readIndex } from "./index.js";
+import { findMoving } from "./layers.js";
+import { limit, limitExpansion } from "./limits.js";
+import { carryOver, passageBetween } from "./prediction.js";
+import { walk } from "./walk.js";
+
+const MOST_HEADER_BYTES = 4096;
+/** Bytes of decoded GOPs that are remembered, besides the last one. */
+const MEMORY_BYTES = 2 ** 26;
+/** Instead of the number of a reference: there is none, or it is not in the file. */
+const KEY = -1, MISSING = -2;
+
+/** A film: opened, and its GOPs decoded as they are asked for. */
+export class Film {
+  /** What was decoded, or the error if it is at fault, by GOP; the longest unused one first. */
+  #known = new Map();
+  #bytes = 0;
+  #chunks = [];
+  #others = [];
+
+  constructor(source) {
+    this.source = source;
+    this.warnings = [];
+  }
+
+  /**
+   * Open a film. A CorruptError with `recoverable` says that it may be opened again with
+   * `keepGoing`, which takes what is sound of a damaged file.
+   */
+  static async open(source, { keepGoing = false } = {}) {
+    const film = new Film(source);
+    const start = await film.#readHeader();
+    const chunks = await film.#findChunks(start, keepGoing);
+    film.#others = chunks.filter((chunk) => !chunk.summary);
+    film.#chunks = chunks.filter((chunk) => chunk.summary);
+    check(film.#chunks.length, ["The film has no GOP.", ...film.warnings].join(" "));
+    film.#listGops();
+    film.#compareCounts();
+    return film;
+  }
+
+  /**
+   * Decode GOP `k`. The result is shared and must not be changed: `pts` (Float64Array, ticks after
+   * the first one of the GOP), `gaussians` (Float32Array, 13 floats each in the order of section
+   * 5.4, those carried over included) and `grids` (null, or `size` [Gx, Gy, Gt] and the
+   * Float32Arrays `xy`, `xt` and `yt`, rows x columns x 8 channels).
+   */
+  async gop(k) {
+    const { pts, gaussians, grids } = await this.#decoded(k);
+    return { pts, gaussians, moving: this.#moving(gaussians), grids };
+  }
+
+  /** Return the passage from GOP `k` to the next; null if that is not predicted from it. */
+  async passage(k) {
+    if (this.gops[k + 1]?.reference !== k) return null;
+    const before = await this.#decoded(k), after = await this.#decoded(k + 1);
+    const dropped = this.#moving(before.gaussians).filter((_, n) => after.modes[n] === DROPPED);
+    const moving = [...this.#moving(after.gaussians), ...dropped];
+    return { ...passageBetween(before, after), moving: Uint8Array.from(moving) };
+  }
+
+  #moving(gaussians) {
+    return findMoving(gaussians, this.header.width, this.header.height);
+  }
+
+  /** Return the copied streams that are sound: `{ bytes, type, tags, disposition }` each. */
+  async sounds() {
+    const { streams = [] } = await this.metadata(), found = [];
+    const chunks = this.#others.filter(({ type }) => type === "strm");
+    for (const [i, chunk] of chunks.entries()) {
+      const stream = await this.#soundOnly(readStream(this.source, chunk));
+      if (stream) found.push({ tags: {}, disposition: 0, ...streams[i], ...stream });
+    }
+    return found;
+  }
+
+  /** Return the object of the chunk `meta`, empty without a sound one. */
+  async metadata() {
+    const chunk = this.#others.find(({ type }) => type === "meta");
+    return (chunk && await this.#soundOnly(readMetadata(this.source, chunk))) ?? {};
+  }
+
+  /** Steps 1 to 3 of section 11; return where the header ends. */
+  async #readHeader() {
+    await checkSignature(this.source);
+    const chunk = await readChunkHead(this.source, SIGNATURE_BYTES);
+    check(chunk.type === "HEAD", "The first chunk of the file is not the header.");
+    const fits = chunk.length >= 4 && chunk.length <= MOST_HEADER_BYTES;
+    check(fits, `The header has ${chunk.length} bytes.`);
+    this.header = parseHeader(await readPayload(this.source, chunk));
+    return chunk.end;
+  }
+
+  /** Steps 4 and 5 of section 11: return the chunks after the header. */
+  async #findChunks(start, keepGoing) {
+    const listed = await orFault(readIndex(this.source, start));
+    if (!(listed instanceof CorruptError)) {
+      listed.forEach(refuseUnknown);
+      limit("chunks", listed.length, "The number of chunks");
+      return listed;
+    }
+    const { chunks, faults, ended } = await walk(this.source, start, this.header);
+    if (this.header.stream && !ended && !faults.length) return chunks;
+    this.warnings = [located(listed, "The film is damaged or not finished").message, ...faults];
+    if (!keepGoing && chunks.some(({ summary }) => summary)) {
+      throw Object.assign(new CorruptError(this.warnings[0]), { recoverable: true });
+    }
+    return chunks;
+  }
+
+  /** Describe the GOPs; find their references, and check the length of chains. */
+  #listGops() {
+    const { firstPts: origin } = this.#chunks[0].summary, places = new Map();
+    /** The timestamp from which those of `gops` are counted, ticks. */
+    this.origin = Number(origin);
+    this.gops = this.#chunks.map((chunk, k) => {
+      const { firstFrame, frames, gaussians, distance, ...times } = chunk.summary;
+      const reference = distance ? places.get(firstFrame - BigInt(distance)) ?? MISSING : KEY;
+      const { depth = 0, chainBytes = 0 } = this.#chunks[reference] ?? {};
+      Object.assign(chunk, { depth: depth + 1, chainBytes: chainBytes + chunk.length });
+      limit("chain", chunk.depth, "The number of GOPs in a chain of references");
+      places.set(firstFrame, k);
+      return {
+        firstFrame: Number(firstFrame), frames, gaussians, reference, bytes: chunk.length,
+        start: Number(times.firstPts - origin), end: Number(times.lastPts - origin),
+        lastDuration: Number(times.lastDuration),
+      };
+    });
+  }
+
+  /** Warn of faults that the film is decoded in spite of. */
+  #compareCounts() {
+    const { firstFrame, frames } = this.gops.at(-1);
+    const found = { frames: firstFrame + frames, gops: this.gops.length };
+    for (const [what, count] of Object.entries(found)) {
+      const said = this.header[what];
+      if (said && said !== count) {
+        this.warnings.push(`The film has ${count} ${what}, its header says ${said}.`);
+      }
+    }
+    for (const type of ["sett", "meta"]) {
+      const several = this.#others.filter((chunk) => chunk.type === type).length > 1;
+      if (several) this.warnings.push(`The film has several chunks ${type}.`);
+    }
+  }
+
+  /** Return what the reader of an auxiliary chunk gives; null, and a warning, if it fails. */
+  async #soundOnly(promise) {
+    try {
+      return await promise;
+    } catch (error) {
+      if (!isFault(error)) throw error;
+      if (!this.warnings.includes(error.message)) this.warnings.push(error.message);
+      return null;
+    }
+  }
+
+  /** Return a GOP with the Gaussians that it carries over. */
+  async #decoded(k) {
+    if (!this.gops[k]) throw new GsvrError(`The film has no GOP ${k}.`);
+    const chain = [];
+    let link = k;
+    for (; link >= 0 && !this.#known.has(link); link = this.gops[link].reference) chain.push(link);
+    try {
+      let gop = link >= 0 ? this.#recall(link) : null;
+      const place = this.#place(chain.at(-1) ?? k);
+      check(link !== MISSING, `${place}: its reference is not in the file.`);
+      for (const next of [...chain].reverse()) {
+        gop = await this.#unpack(next, gop);
+        this.#remember(next, gop);
+      }
+      return gop;
+    } catch (error) {
+      if (!isFault(error)) throw error;
+      throw await this.#nearest(chain, error);
+    }
+  }
+
+  /** Section 11: of the faults in a chain, return that of the nearest GOP. */
+  async #nearest(chain, fault) {
+    let found = fault;
+    try {
+      for (const link of chain) await this.#unpack(link, null);
+    } catch (error) {
+      found = error;
+    }
+    if (chain.length && isFault(found)) this.#remember(chain[0], found);
+    return found;
+  }
+
+  /** Decode a GOP; without its `reference` only what its chunk holds. */
+  async #unpack(k, reference) {
+    const chunk = this.#chunks[k], { summary, chainBytes } = chunk;
+    const payload = await readPayload(this.source, chunk);
+    try {
+      const found = readSummary(new Cursor(payload));
+      const same = Object.keys(found).every((key) => found[key] === summary[key]);
+      check(same, "it is not the GOP that the index names.");
+      limitExpansion(SLOTS * summary.gaussians, chainBytes);
+      const own = await unpackGop(payload, this.header);
+      return reference ? carryOver(own, reference) : own;
+    } catch (error) {
+      throw located(error, this.#place(k));
+    }
+  }
+
+  #place(k) {
+    return `The GOP at byte ${this.#chunks[k].offset}`;
+  }
+
+  #recall(k) {
+    const found = this.#known.get(k);
+    this.#remember(k, found);
+    if (found instanceof GsvrError) throw found;
+    return found;
+  }
+
+  #remember(k, gop) {
+    this.#forget(k);
+    for (const unused of this.#known.keys()) {
+      if (this.#bytes <= MEMORY_BYTES) break;
+      this.#forget(unused);
+    }
+    this.#known.set(k, gop);
+    this.#bytes += sizeOf(gop);
+  }
+
+  #forget(k) {
+    this.#bytes -= sizeOf(this.#known.get(k) ?? {});
+    this.#known.delete(k);
+  }
+}
+
+/** Return the bytes of a decoded GOP; 0 of an error. */
+function sizeOf({ gaussians, modes, grids }) {
+  const arrays = [gaussians, modes, ...Object.values(grids ?? {})];
+  return arrays.reduce((sum, array) => sum + (array?.byteLength ?? 0), 0);
+}

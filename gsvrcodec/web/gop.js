@@ -1,0 +1,67 @@
+/** The payload of a GOP chunk (section 5), decoded in the order of section 11. */
+
+import { CHANGED, DROPPED, gridsOf, MOVED } from "./attributes.js";
+import { Cursor } from "./bytes.js";
+import { CODECS, IMAGE_CODECS } from "./codecs.js";
+import { check, CorruptError, located } from "./errors.js";
+import { readGopHead, readTiming } from "./gop_head.js";
+import { allocate, limit, limitExpansion } from "./limits.js";
+import { dequantise, readPlaneTable } from "./plane_table.js";
+import { refine } from "./refinement.js";
+
+/**
+ * Return what a GOP itself stores: `{ pts, gaussians, grids, modes, changes, motions }`.
+ *
+ * `pts` are ticks after the first timestamp; `gaussians` the new ones, 13 floats each; `grids` the
+ * tri-plane, `{ size, xy, xt, yt }` of 8 channels, or null; `modes` one of each Gaussian of the
+ * reference, or null in a key GOP; `changes` 8 floats of each changed Gaussian, `motions` 5 of each
+ * moved one. Floats are in the order of section 5.4.
+ */
+export async function unpackGop(payload, header) {
+  const cursor = new Cursor(payload);
+  const head = readGopHead(cursor, header);
+  const pts = readTiming(cursor, head);
+  const grids = gridsOf(head);
+  const planes = readPlaneTable(cursor, head.planes, grids);
+  const plain = !planes.some(({ codec }) => IMAGE_CODECS.includes(codec));
+  check(plain || header.imageCodecs, "it has an image in a film without image codecs.");
+  const sizes = planes.map(({ grid }) => grid.width * grid.height);
+  limitExpansion(sizes.reduce((sum, size) => sum + size, 0), payload.length);
+  for (const size of sizes) limit("planeSamples", size, "the size of a plane");
+
+  for (const grid of Object.values(grids)) {
+    grid.values = allocate(Float32Array, grid.count * grid.slots);
+  }
+  for (const plane of planes) await decodePlane(cursor, plane);
+  refine(cursor, grids.new);
+  const modes = new Uint8Array(grids.reference.values);
+  checkModes(modes, head);
+  const [xy, xt, yt] = [grids.xy, grids.xt, grids.yt].map(({ values }) => values);
+  return {
+    pts, gaussians: grids.new.values, grids: head.grid[0] ? { size: head.grid, xy, xt, yt } : null,
+    modes: head.distance ? modes : null,
+    changes: grids.changed.values, motions: grids.moved.values,
+  };
+}
+
+/** Decode a plane, and add it to those of its grid. */
+async function decodePlane(cursor, plane) {
+  const { grid, codec } = plane;
+  const start = cursor.skip(plane.bytes);
+  plane.samples = allocate(Uint16Array, grid.width * grid.height);
+  try {
+    await CODECS[codec](new Cursor(cursor.bytes, start, cursor.at), plane, plane.samples);
+  } catch (error) {
+    throw error instanceof CorruptError ? located(error, `plane ${plane.name}`) : error;
+  }
+  grid.planes.push(plane);
+  dequantise(plane);
+}
+
+/** Check that there are as many modes of each kind as the head says (section 5.5). */
+function checkModes(modes, { dropped, changed, moved }) {
+  const count = (bit) => modes.reduce((sum, mode) => sum + (mode & bit ? 1 : 0), 0);
+  const known = modes.every((mode) => mode <= DROPPED);
+  const same = count(DROPPED) === dropped && count(CHANGED) === changed && count(MOVED) === moved;
+  check(known && same, "its modes are not those that its head counts.");
+}

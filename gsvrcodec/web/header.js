@@ -1,0 +1,51 @@
+/** Header chunk (section 4). */
+
+import { Cursor } from "./bytes.js";
+import { check, UnsupportedError } from "./errors.js";
+import { limit } from "./limits.js";
+
+const HEADER_BYTES = 70;
+const MIRRORED = 2 ** 15;
+
+/**
+ * Parse the payload of the header chunk, in the order of step 3 of section 11, to a plain object.
+ * Maxima that are not known are Infinity, counts that are not known 0.
+ */
+export function parseHeader(payload) {
+  const cursor = new Cursor(payload);
+  const pair = () => [cursor.u32(), cursor.u32()];
+  const maximum = (value, unknown) => (value === unknown ? Infinity : value);
+
+  const version = [cursor.u16(), cursor.u16()];
+  if (version[0] !== 1) {
+    throw new UnsupportedError(`The film has version ${version.join(".")}, the player knows 1.0.`);
+  }
+  const newer = version[1] > 0 && payload.length > HEADER_BYTES;
+  check(newer || payload.length === HEADER_BYTES, `The header has ${payload.length} bytes.`);
+  const required = cursor.u32(), flags = cursor.u32();
+  if (required) throw new UnsupportedError(`The film needs unknown features, flags ${required}.`);
+  const [width, height] = pair(), sampleAspect = pair();
+  const turn = cursor.u16(), rotation = turn % MIRRORED, bitDepth = cursor.u8();
+  const [primaries, transfer, matrix, fullRange, chromaLocation] = cursor.take(5);
+  const timeBase = pair();
+  const [mostGaussians, mostFrames] = pair().map((value) => maximum(value, 2 ** 32 - 1));
+  const mostGrid = [0, 0, 0].map(() => maximum(cursor.u16(), 2 ** 16 - 1));
+  const frames = Number(cursor.u64()), gops = cursor.u32();
+
+  const positive = [width, height, ...sampleAspect, ...timeBase].every(Boolean);
+  check(positive, "The header has a size, sample aspect ratio or time base of zero.");
+  check([0, 90, 180, 270].includes(rotation), `The header has the rotation ${rotation}.`);
+  check(bitDepth >= 1 && bitDepth <= 16, `The header has ${bitDepth} bits a sample.`);
+  check(fullRange <= 1 && chromaLocation <= 6, "The header has unknown colours.");
+  limit("width", width, "The width");
+  limit("height", height, "The height");
+  limit("pixels", width * height, "The number of pixels");
+  if (mostGaussians < Infinity) limit("gaussians", mostGaussians, "The number of Gaussians");
+  if (mostFrames < Infinity) limit("gopFrames", mostFrames, "The number of frames in a GOP");
+  return {
+    version, width, height, sampleAspect, rotation, mirrored: turn >= MIRRORED, bitDepth,
+    colour: { primaries, transfer, matrix, fullRange, chromaLocation },
+    timeBase, mostGaussians, mostFrames, mostGrid, frames, gops,
+    imageCodecs: (flags & 1) > 0, stream: (flags & 2) > 0,
+  };
+}

@@ -1,0 +1,333 @@
+/** Draws Gaussians at any time and size with WebGL 2 (sections 8.2, 8.4 and 8.5). */
+
+import { GsvrError } from "./errors.js";
+import { bindTexture, makeTexture, Program, Target, targetFormat } from "./graphics.js";
+import {
+  COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, SCREEN_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
+  UP_FRAGMENT,
+} from "./shaders.js";
+
+/** Floats of a Gaussian: position, log_scale, rotation, colour, indicator, linear, quadratic. */
+const FLOATS = 13;
+/** Floats on the device: one more says whether it belongs to the moving layer. */
+const STRIDE = 14;
+/** Of them: where each attribute of the programs starts, and how many floats it has. */
+const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 2]];
+const LEVELS = 5;
+/** Groups: still ones by level, then the others by level; and those that are not drawn. */
+const UNUSED = 2 * LEVELS;
+/** Pixels by which the edge of a drawn part can be wrong: one of the coarsest level. */
+const MARGIN = 2 ** (LEVELS - 1);
+
+/** Return whether a Gaussian looks the same in all frames of its GOP (section 8.2). */
+function isStill(gaussians, at) {
+  return gaussians[at + 8] === 1 && gaussians[at + 9] === 0 && gaussians[at + 10] === 0
+    && gaussians[at + 11] === 0 && gaussians[at + 12] === 0;
+}
+
+/** The Gaussians and the tri-plane of one GOP on the device. */
+export class Scene {
+  /** `gop` has `gaussians`, `moving` and `grids` as `Film.gop` returns them. */
+  constructor({ gl, format, black }, gop) {
+    this.gl = gl;
+    this.gaussians = gop.gaussians;
+    this.isMoving = gop.moving;
+    this.count = gop.gaussians.length / FLOATS;
+    this.moving = this.isMoving.reduce((sum, each) => sum + each, 0);
+    this.buffer = gl.createBuffer();
+    this.gridSize = gop.grids ? gop.grids.size : [0, 0, 0];
+    this.grids = gop.grids ? this.upload(gop.grids) : [];
+    this.black = black;
+    this.arranged = "";
+    this.starts = null;
+    this.still = new Target(gl, format);
+    this.stillKey = "";
+  }
+
+  upload({ size: [gx, gy, gt], xy, xt, yt }) {
+    const largest = this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE);
+    if (Math.max(2 * gx, 2 * gy, gt) > largest) {
+      throw new GsvrError(`A tri-plane of ${gx}x${gy}x${gt} is too large for this device.`);
+    }
+    return [[gx, gy, xy], [gx, gt, xt], [gy, gt, yt]].map(([columns, rows, values]) =>
+      makeTexture(this.gl, this.gl.RGBA32F, 2 * columns, rows, values));
+  }
+
+  /** Replace the Gaussians, as many as before: a mix of two looks. */
+  replace(gaussians) {
+    this.gaussians = gaussians;
+    this.arranged = "";
+    this.stillKey = "";
+  }
+
+  /**
+   * Sort the Gaussians of some layers by level, still ones first, for pictures at `zoom`
+   * (section 8.4).
+   */
+  arrange(zoom, layers) {
+    const key = `${zoom} ${layers}`;
+    if (key === this.arranged) return;
+    this.arranged = key;
+    const { gaussians, isMoving, count, gl } = this;
+    const bounds = [1, 2, 3, 4].map((level) => Math.fround(Math.log(2 ** level / zoom)));
+    const wanted = { all: [1, 1], standing: [1, 0], moving: [0, 1] }[layers];
+    const group = new Uint8Array(count).fill(UNUSED);
+    const starts = new Uint32Array(UNUSED + 1);
+    for (let n = 0, at = 0; n < count; n++, at += FLOATS) {
+      if (!wanted[isMoving[n]]) continue;
+      const smaller = Math.min(gaussians[at + 2], gaussians[at + 3]);
+      let level = 0;
+      while (level < 4 && smaller >= bounds[level]) level++;
+      group[n] = isStill(gaussians, at) ? level : LEVELS + level;
+      starts[group[n] + 1]++;
+    }
+    for (let g = 0; g < UNUSED; g++) starts[g + 1] += starts[g];
+    this.starts = [...starts];
+    const sorted = new Float32Array(starts[UNUSED] * STRIDE);
+    for (let n = 0, at = 0; n < count; n++, at += FLOATS) {
+      if (group[n] === UNUSED) continue;
+      const place = starts[group[n]]++ * STRIDE;
+      sorted.set(gaussians.subarray(at, at + FLOATS), place);
+      sorted[place + FLOATS] = isMoving[n];
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, sorted, gl.DYNAMIC_DRAW);
+  }
+
+  /** Draw the quads of the groups from `first` up to `end`. */
+  drawGroups(first, end) {
+    const { gl, starts } = this;
+    const count = starts[end] - starts[first];
+    if (count === 0) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
+    for (const [index, [start, size]] of ATTRIBUTES.entries()) {
+      const offset = 4 * (starts[first] * STRIDE + start);
+      gl.enableVertexAttribArray(index);
+      gl.vertexAttribPointer(index, size, gl.FLOAT, false, 4 * STRIDE, offset);
+      gl.vertexAttribDivisor(index, 1);
+    }
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+  }
+
+  /** Return the uniforms of the deformation at a time, and bind the tri-plane. */
+  deformation(tau) {
+    for (const unit of [0, 1, 2]) bindTexture(this.gl, unit, this.grids[unit] ?? this.black);
+    return {
+      gridXY: ["uniform1i", 0],
+      gridXT: ["uniform1i", 1],
+      gridYT: ["uniform1i", 2],
+      gridSize: ["uniform3f", ...this.gridSize],
+      tau: ["uniform1f", tau],
+    };
+  }
+
+  dispose() {
+    this.gl.deleteBuffer(this.buffer);
+    this.grids.forEach((grid) => this.gl.deleteTexture(grid));
+    this.still.dispose();
+  }
+}
+
+/**
+ * Where a picture is drawn: all that is needed to go from pixels of the frame to the screen.
+ * `frame` is the size W, H at which it is rendered, before it is mirrored and turned; `left` and
+ * `top` the place of the turned picture on the screen, pixels.
+ */
+export class View {
+  constructor({ coded, frame, left = 0, top = 0, rotation = 0, mirrored = false, screen }) {
+    Object.assign(this, { frame, left, top, screen });
+    const [width, height] = frame;
+    this.zoom = [width / coded[0], height / coded[1]];
+    // The pixel (x, y) of the frame is drawn at x columns[0] + y columns[1] + shift.
+    const along = [[1, 0], [0, 1], [-1, 0], [0, -1]];
+    const quarter = rotation / 90;
+    const x = mirrored ? along[(quarter + 2) % 4] : along[quarter];
+    const y = along[(quarter + 1) % 4];
+    // What the least corner has to be moved by to come to 0, 0; in places between pixels.
+    const corner = [0, 1].map((axis) => -Math.min(0, x[axis] * width) - Math.min(0, y[axis] * height));
+    this.columns = [...x, ...y];
+    this.shift = [left + corner[0], top + corner[1]];
+    this.region = this.visible();
+  }
+
+  /** Return the part of the frame that is seen: x0, y0, x1, y1, with x0 and y0 on all levels. */
+  visible() {
+    const [xx, xy, yx, yy] = this.columns;
+    const at = [[0, 0], this.screen].map(([column, row]) => {
+      const dx = column - this.shift[0], dy = row - this.shift[1];
+      return [xx * dx + xy * dy, yx * dx + yy * dy];
+    });
+    const result = [0, 0, 0, 0];
+    for (const axis of [0, 1]) {
+      const least = Math.min(at[0][axis], at[1][axis]), most = Math.max(at[0][axis], at[1][axis]);
+      const low = Math.floor(least / MARGIN) * MARGIN - MARGIN;
+      result[axis] = Math.max(low, 0);
+      result[axis + 2] = Math.min(Math.ceil(most / MARGIN) * MARGIN + MARGIN, this.frame[axis]);
+    }
+    return result;
+  }
+
+  get isEmpty() {
+    const [x0, y0, x1, y1] = this.region;
+    return x1 <= x0 || y1 <= y0;
+  }
+}
+
+/** Draws scenes on a canvas. */
+export class Renderer {
+  /**
+   * Throws `GsvrError` if the browser or its device cannot. `bits` of 16 asks for 16-bit targets.
+   */
+  constructor(canvas, { bits = 32 } = {}) {
+    const options = { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" };
+    const gl = canvas.getContext("webgl2", options);
+    if (!gl) {
+      throw new GsvrError(
+        "This browser has no WebGL 2, which the player needs; try another browser, "
+        + "or switch hardware acceleration on in its settings.");
+    }
+    this.gl = gl;
+    Object.assign(this, targetFormat(gl, bits));
+    this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
+    this.magnify = new Program(gl, COVER_VERTEX, UP_FRAGMENT);
+    this.toScreen = new Program(gl, COVER_VERTEX, SCREEN_FRAGMENT);
+    this.outline = new Program(gl, OUTLINE_VERTEX, OUTLINE_FRAGMENT);
+    this.levels = Array.from({ length: LEVELS }, () => new Target(gl, this.format));
+    this.black = makeTexture(gl, gl.RGBA8, 1, 1);
+    this.cover = gl.createVertexArray();
+    this.instances = gl.createVertexArray();
+    gl.enable(gl.SCISSOR_TEST);
+    gl.disable(gl.DITHER);
+  }
+
+  /** Put a GOP, as `Film.gop` returns it, on the device. */
+  scene(gop) {
+    return new Scene(this, gop);
+  }
+
+  /** Make the screen black. */
+  clear() {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.scissor(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+  }
+
+  /** Return codes of the screen, RGBA, from the lowest row up. */
+  read(x, y, width, height) {
+    const { gl } = this;
+    const codes = new Uint8Array(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(x, y, width, height, gl.RGBA, gl.UNSIGNED_BYTE, codes);
+    return codes;
+  }
+
+  /**
+   * Draw a scene at a time over what is on the screen.
+   * `layers` is "all", "moving" or "standing"; `opacity` the weight of the picture's codes.
+   */
+  draw(scene, tau, view, { layers = "all", opacity = 1 } = {}) {
+    if (view.isEmpty) return;
+    scene.arrange(Math.min(...view.zoom), layers);
+    // What is still is drawn once for all frames.
+    const key = [layers, ...view.frame, ...view.region].join();
+    if (scene.stillKey !== key) {
+      this.drawPyramid(scene, 0, 0, view, scene.still);
+      scene.stillKey = key;
+    }
+    const changes = scene.starts[UNUSED] > scene.starts[LEVELS];
+    if (changes) this.drawPyramid(scene, tau, LEVELS, view, this.levels[0]);
+    this.drawToScreen(scene.still, changes ? this.levels[0] : null, view, opacity);
+  }
+
+  /** Sum up the five groups from `firstGroup` on, in `picture` (section 8.5). */
+  drawPyramid(scene, tau, firstGroup, view, picture) {
+    const { gl } = this;
+    const [x0, y0, x1, y1] = view.region;
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE);
+    const deformation = scene.deformation(tau);
+    let coarse = null;
+    for (let level = LEVELS - 1; level >= 0; level--) {
+      const group = firstGroup + level, side = 2 ** level;
+      const isUsed = scene.starts[group + 1] > scene.starts[group];
+      if (!isUsed && !coarse && level > 0) continue;
+      const target = level === 0 ? picture : this.levels[level];
+      const size = [Math.ceil(x1 / side) - x0 / side, Math.ceil(y1 / side) - y0 / side];
+      target.begin(...size);
+      if (isUsed) {
+        gl.bindVertexArray(this.instances);
+        this.splat.use({
+          ...deformation,
+          frame: ["uniform2f", ...view.frame],
+          zoom: ["uniform2f", ...view.zoom],
+          side: ["uniform1f", side],
+          region: ["uniform4f", x0 / side, y0 / side, ...size],
+        });
+        scene.drawGroups(group, group + 1);
+      }
+      if (coarse) {
+        bindTexture(gl, 3, coarse.texture);
+        this.magnify.use({ coarse: ["uniform1i", 3], coarseSize: ["uniform2i", ...coarse.size] });
+        this.drawCover();
+      }
+      coarse = target;
+    }
+  }
+
+  drawCover() {
+    this.gl.bindVertexArray(this.cover);
+    this.gl.drawArrays(this.gl.TRIANGLES, 0, 3);
+  }
+
+  drawToScreen(still, changing, view, opacity) {
+    const { gl } = this;
+    const [x0, y0, x1, y1] = view.region;
+    const [xx, xy, yx, yy] = view.columns;
+    // The matrix is orthogonal: its transpose leads back. Half a pixel is where pixels are sampled.
+    const back = (axisX, axisY, origin) => Math.floor(
+      axisX * (0.5 - view.shift[0]) + axisY * (0.5 - view.shift[1])) - origin;
+    this.onScreen();
+    bindTexture(gl, 3, still.texture);
+    bindTexture(gl, 4, changing ? changing.texture : this.black);
+    this.toScreen.use({
+      still: ["uniform1i", 3],
+      changing: ["uniform1i", 4],
+      turning: ["uniform4i", xx, yx, xy, yy],
+      shift: ["uniform2i", back(xx, xy, x0), back(yx, yy, y0)],
+      inside: ["uniform4i", 0, 0, x1 - x0, y1 - y0],
+      height: ["uniform1i", view.screen[1]],
+      opacity: ["uniform1f", opacity],
+    });
+    this.drawCover();
+  }
+
+  /** Draw the ellipses of one sigma over the picture. */
+  drawOutlines(scene, tau, view, { layers = "all" } = {}) {
+    if (view.isEmpty) return;
+    scene.arrange(Math.min(...view.zoom), layers);
+    this.onScreen();
+    this.gl.bindVertexArray(this.instances);
+    this.outline.use({
+      ...scene.deformation(tau),
+      frame: ["uniform2f", ...view.frame],
+      zoom: ["uniform2f", ...view.zoom],
+      turning: ["uniform4f", ...view.columns],
+      shift: ["uniform2f", ...view.shift],
+      screen: ["uniform2f", ...view.screen],
+    });
+    scene.drawGroups(0, UNUSED);
+  }
+
+  /** Let what follows be mixed into the screen by its opacity. */
+  onScreen() {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.scissor(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+}

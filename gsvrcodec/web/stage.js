@@ -1,0 +1,180 @@
+/** The canvas: draws the picture of any time, at the size that the device has time for. */
+
+import { Renderer, View } from "./renderer.js";
+
+/** GOPs that are kept on the device, passages between two GOPs included. */
+const SCENES = 4;
+/** Codes by which two pictures differ in the mean if a cut lies between them. */
+const CUT = 25.5;
+/** Columns of the pictures that tell where a cut is. */
+const CUT_WIDTH = 64;
+
+export class Stage {
+  /** `changed` is called when a GOP that was missing has come. */
+  constructor(canvas, changed) {
+    this.canvas = canvas;
+    this.changed = changed;
+    this.renderer = new Renderer(canvas);
+    this.film = null;
+    this.reset();
+  }
+
+  /** Show another film. `timeline` is its timeline, `camera` its camera. */
+  load(film, timeline, camera) {
+    this.reset();
+    Object.assign(this, { film, timeline, camera });
+  }
+
+  reset() {
+    for (const { scene } of this.scenes?.values() ?? []) scene.dispose();
+    this.scenes = new Map(); // by key, the one used longest ago first
+    this.loading = new Set();
+    this.faults = new Map();
+    this.cuts = new Map();
+    this.shown = null;
+    this.picture = ""; // what is on the screen
+    this.index = 0;
+  }
+
+  /** Start anew on a device that was lost. */
+  restore() {
+    this.scenes.clear();
+    this.renderer = new Renderer(this.canvas);
+    this.reset();
+  }
+
+  /** Return a GOP or passage on the device, or undefined while it is loaded. */
+  at(key, load) {
+    const found = this.scenes.get(key);
+    if (found) {
+      this.scenes.delete(key);
+      this.scenes.set(key, found);
+      return found;
+    }
+    if (!this.loading.has(key) && !this.faults.has(key)) this.fetch(key, load);
+    return undefined;
+  }
+
+  async fetch(key, load) {
+    const { film } = this;
+    this.loading.add(key);
+    try {
+      const content = await load();
+      if (film === this.film) this.keep(key, content);
+    } catch (error) {
+      if (film === this.film) this.faults.set(key, error.message);
+    }
+    if (film !== this.film) return;
+    this.loading.delete(key);
+    this.changed();
+  }
+
+  keep(key, content) {
+    this.scenes.set(key, { ...content, scene: this.renderer.scene(content) });
+    for (const [oldest, { scene }] of [...this.scenes].slice(0, -SCENES)) {
+      scene.dispose();
+      this.scenes.delete(oldest);
+    }
+  }
+
+  gop(index) {
+    return this.at(`gop ${index}`, () => this.film.gop(index));
+  }
+
+  /** Return the passage from a GOP to the one that is predicted from it. */
+  passage(index) {
+    return this.at(`passage ${index}`, async () => {
+      const passage = await this.film.passage(index);
+      return { ...passage, gaussians: passage.from.slice(), grids: null };
+    });
+  }
+
+  /** Have a GOP unpacked ahead of time. */
+  prepare(index) {
+    if (index < this.film.gops.length) this.film.gop(index).catch(() => {});
+  }
+
+  /**
+   * Draw the picture of a time, ticks. Return "drawn", "same" (it is there already), "loading"
+   * (nothing was drawn), or "fault".
+   * `options`: `between` (pictures between frames), `layers`, `outlines`, `screen` (pixels).
+   */
+  show(time, options) {
+    const index = this.timeline.gopAt(time);
+    this.index = index;
+    const gop = this.gop(index);
+    if (!gop) return this.faults.has(`gop ${index}`) ? this.showFault(index) : "loading";
+    const moment = this.timeline.moment(time, index, gop.pts, options.between);
+    const parts = this.parts(moment, gop);
+    if (!parts) return "loading";
+    const view = this.camera.view(options.screen);
+    const { tau, next } = moment;
+    const { left, top, frame } = view;
+    const { layers, outlines, screen } = options;
+    const picture = [index, tau, next, left, top, frame, layers, outlines, screen].join();
+    if (picture === this.picture) return "same";
+    this.picture = picture;
+    const { canvas, renderer } = this;
+    if (canvas.width !== screen[0] || canvas.height !== screen[1]) {
+      [canvas.width, canvas.height] = screen;
+    }
+    renderer.clear();
+    for (const part of parts) {
+      renderer.draw(part.scene, part.tau, view, { layers, opacity: part.opacity });
+    }
+    if (outlines) renderer.drawOutlines(parts[0].scene, parts[0].tau, view, { layers });
+    this.shown = { ...moment, scene: parts[0].scene, view };
+    return "drawn";
+  }
+
+  showFault(index) {
+    this.renderer.clear();
+    this.shown = null;
+    this.picture = "";
+    this.fault = this.faults.get(`gop ${index}`);
+    return "fault";
+  }
+
+  /** Return the scenes of a moment with their times and weights, or null while one is missing. */
+  parts({ index, tau, next }, gop) {
+    const alone = [{ scene: gop.scene, tau, opacity: 1 }];
+    if (next === 0) return alone;
+    if (this.film.gops[index + 1].reference === index) {
+      const passage = this.passage(index);
+      if (!passage) return this.faults.has(`passage ${index}`) ? alone : null;
+      mix(passage, next);
+      return [{ scene: passage.scene, tau: 0, opacity: 1 }];
+    }
+    const following = this.gop(index + 1);
+    if (!following) return this.faults.has(`gop ${index + 1}`) ? alone : null;
+    const first = following.pts.length > 1 ? -1 : 0;
+    if (this.isCut(index, gop.scene, tau, following.scene, first)) return alone;
+    return [...alone, { scene: following.scene, tau: first, opacity: next }];
+  }
+
+  /** Return whether two pictures are of different shots (section 8.1). */
+  isCut(index, scene, tau, following, first) {
+    if (!this.cuts.has(index)) {
+      const a = this.thumbnail(scene, tau), b = this.thumbnail(following, first);
+      const sum = a.reduce((total, code, n) => total + Math.abs(code - b[n]), 0);
+      this.cuts.set(index, sum / (a.length * 0.75) > CUT); // every fourth code is the opacity
+    }
+    return this.cuts.get(index);
+  }
+
+  /** Return the codes of a small picture; it is drawn into a corner of the screen. */
+  thumbnail(scene, tau) {
+    const { width, height } = this.film.header;
+    const screen = [this.canvas.width, this.canvas.height];
+    const side = Math.min(CUT_WIDTH, ...screen);
+    const frame = [side, Math.min(Math.max(1, Math.round((side * height) / width)), screen[1])];
+    this.renderer.clear();
+    this.renderer.draw(scene, tau, new View({ coded: [width, height], frame, screen }));
+    return this.renderer.read(0, screen[1] - frame[1], ...frame);
+  }
+}
+
+function mix({ from, to, gaussians, scene }, weight) {
+  for (let n = 0; n < from.length; n++) gaussians[n] = (1 - weight) * from[n] + weight * to[n];
+  scene.replace(gaussians);
+}

@@ -1,0 +1,140 @@
+"""Pictures of the renderer in WebGL 2, against those of the decoder on the CPU."""
+
+from __future__ import annotations
+
+import base64
+import json
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import gsvrcodec
+from tests.vectors import make
+from tests.web.conftest import Site
+
+#: Streams with planes that a browser cannot decode.
+FOREIGN = {"jxl", "sixteen-bits"}
+STREAMS = sorted({path.stem for path in make.VALID.glob("*.gsvr")} - FOREIGN)
+
+
+def described(name: str) -> list[dict[str, Any]]:
+    """The pictures of a conformance stream, and three between its frames."""
+    pictures: list[dict[str, Any]] = json.loads((make.VALID / f"{name}.json").read_text())["pictures"]
+    return pictures
+
+
+def rendered(
+    page: Any, site: Site, name: str, pictures: list[dict[str, Any]], bits: int
+) -> list[NDArray[np.uint8]]:
+    """Render pictures in the page; return their codes, (H, W, 3)."""
+    result = page.evaluate(
+        "([url, pictures, bits]) => harness.render(url, pictures, bits)",
+        [f"films/{name}", pictures, bits],
+    )
+    assert result["bits"] == bits
+    assert result["error"] == 0
+    codes = []
+    for picture, text in zip(pictures, result["found"], strict=True):
+        raw = base64.b64decode(text.partition(",")[2])
+        shape = (picture["height"], picture["width"], 4)
+        codes.append(np.frombuffer(raw, np.uint8).reshape(shape)[:, :, :3])
+    return codes
+
+
+def assert_alike(found: NDArray[np.uint8], wanted: NDArray[np.uint8], most: int) -> None:
+    """At most `most` codes off, and that in 99.9 % of the samples (16 samples of a small picture)."""
+    difference = np.abs(found.astype(int) - wanted)
+    assert difference.max(initial=0) <= most + 1
+    assert np.count_nonzero(difference > most) <= max(16, difference.size // 1000)
+
+
+
+
+def on_cpu(name: Path, picture: dict[str, Any], **options: Any) -> NDArray[np.uint8]:
+    """The same picture by the decoder on the CPU."""
+    with gsvrcodec.open(name, device="cpu", bit_depth=8, **options) as decoder:
+        seconds = Fraction(picture["time"]) * decoder.metadata.time_base
+        codes = decoder.render(seconds, size=(picture["width"], picture["height"]))
+        return np.asarray(codes)
+
+
+def after_first(path: Path, pictures: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The pictures with times as the player counts them: from the first timestamp of the film."""
+    with gsvrcodec.open(path) as decoder:
+        first = decoder.metadata.begin_seconds / decoder.metadata.time_base
+    return [picture | {"time": float(Fraction(picture["time"]) - first)} for picture in pictures]
+
+
+class TestConformance:
+    @pytest.mark.parametrize("name", STREAMS)
+    @pytest.mark.parametrize(("bits", "most"), [(32, 1), (16, 2)])
+    def test_pictures_are_those_of_the_cpu(
+        self, bench: Any, site: Site, name: str, bits: int, most: int
+    ) -> None:
+        path = site.films / f"{name}.gsvr"
+        pictures = described(name)
+        found = rendered(bench, site, path.name, after_first(path, pictures), bits)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture), most)
+
+
+class TestBetweenGops:
+    """Pictures at moments that no GOP describes, which the spec leaves free."""
+
+    @pytest.mark.parametrize("name", ["predicted", "predicted-entropy", "film-sound"])
+    def test_passages_and_cross_fades(self, bench: Any, site: Site, name: str) -> None:
+        path = site.films / f"{name}.gsvr"
+        with gsvrcodec.open(path) as decoder:
+            size = (decoder.metadata.width, decoder.metadata.height)
+        gops = json.loads((make.VALID / f"{name}.json").read_text())["gops"]
+        pictures = []
+        for before, after in pairwise(gops):
+            last, first = before["pts"][-1], after["pts"][0]
+            pictures.append(
+                {"time": last + Fraction(first - last, 4), "width": size[0], "height": size[1]}
+            )
+        found = rendered(bench, site, path.name, after_first(path, pictures), 32)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture), 1)
+
+
+class TestLayers:
+    @pytest.mark.parametrize(("layers", "cpu"), [("moving", "dynamic"), ("standing", "static")])
+    def test_layers_are_those_of_the_decoder(
+        self, bench: Any, site: Site, layers: str, cpu: str
+    ) -> None:
+        path = site.films / "film-sound.gsvr"
+        picture = {"time": 0, "width": 320, "height": 180}
+        asked = after_first(path, [picture])[0] | {"options": {"layers": layers}}
+        (codes,) = rendered(bench, site, path.name, [asked], 32)
+        assert codes.any()
+        assert_alike(codes, on_cpu(path, picture, layers=cpu), 1)
+
+
+class TestViews:
+    """What a screen shows of a picture: a part, enlarged, turned or mirrored."""
+
+    @pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+    @pytest.mark.parametrize("mirrored", [False, True])
+    def test_a_part_is_cut_from_the_whole(
+        self, bench: Any, site: Site, rotation: int, mirrored: bool
+    ) -> None:
+        """A magnified part of a turned picture has the codes of the whole one, rendered at once."""
+        path = site.films / "film-odd.gsvr"
+        whole = on_cpu(path, {"time": described("film-odd")[0]["time"], "width": 482, "height": 270})
+        if mirrored:
+            whole = whole[:, ::-1]
+        turned = np.rot90(whole, -rotation // 90)
+        text = bench.evaluate(
+            "([url, turn, mirrored]) => harness.part(url, turn, mirrored)",
+            [f"films/{path.name}", rotation, mirrored],
+        )
+        raw = base64.b64decode(text.partition(",")[2])
+        part = np.frombuffer(raw, np.uint8).reshape(100, 140, 4)[:, :, :3]
+        # The place of the picture on the screen is -57, -81.
+        assert_alike(part, turned[81:181, 57:197], 1)
