@@ -65,9 +65,9 @@ def parse_index(
     if len(payload) < _COUNT.size:
         raise CorruptError(f"index of {len(payload)} bytes")
     (count,) = _COUNT.unpack_from(payload)
-    limits.check("chunks", count, "the number of chunks")
     if len(payload) != _COUNT.size + count * ENTRY_BYTES:
         raise CorruptError(f"index of {len(payload)} bytes for {count} chunks")
+    limits.check("chunks", count, "the number of chunks")
     chunks: list[ChunkEntry] = []
     gops: list[GopEntry] = []
     first_frames: set[int] = set()

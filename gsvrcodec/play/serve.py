@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gzip
 import json
 import logging
 import os
@@ -177,7 +178,11 @@ class _Handler(BaseHTTPRequestHandler):
         if kind is None or name not in files:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
-        self._send(HTTPStatus.OK, {"Content-Type": kind}, files[name].read_bytes())
+        content, headers = files[name].read_bytes(), {"Content-Type": kind}
+        if "gzip" in self.headers.get("Accept-Encoding", ""):
+            content = gzip.compress(content, mtime=0)
+            headers["Content-Encoding"] = "gzip"
+        self._send(HTTPStatus.OK, headers, content)
 
     def _send_film(self, name: str) -> None:
         """Send a film, or the part that is asked for."""

@@ -2,8 +2,8 @@
 
 /** Milliseconds after the last touch until a picture is rendered at full size. */
 const REST = 250;
-/** Least pixels of the longer side. */
-const LEAST_SIDE = 160;
+/** Least pixels of the longer side of the screen; below it the time is for Gaussians, not pixels. */
+const LEAST_SIDE = 240;
 
 export class Pace {
   constructor(gl) {
@@ -34,9 +34,8 @@ export class Pace {
   }
 
   learn(took, budget) {
-    if (took > budget) this.detail *= Math.max(0.5, Math.sqrt(budget / took) * 0.95);
-    else if (took < 0.6 * budget) this.detail *= 1.2;
-    this.detail = Math.min(this.detail, 1);
+    if (took > 1.25 * budget) this.detail *= Math.max(0.5, Math.sqrt(budget / took));
+    else if (took < budget) this.detail *= 1.05;
   }
 
   /** Note that a picture was drawn. */
@@ -62,7 +61,7 @@ export class Pace {
 
   /** Return the detail of the next picture for a screen of pixels. */
   next(screen, isPlaying) {
-    if (!isPlaying && this.isAtRest) return 1;
-    return Math.min(1, Math.max(this.detail, LEAST_SIDE / Math.max(...screen)));
+    this.detail = Math.min(1, Math.max(this.detail, LEAST_SIDE / Math.max(...screen)));
+    return !isPlaying && this.isAtRest ? 1 : this.detail;
   }
 }

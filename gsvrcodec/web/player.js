@@ -11,6 +11,8 @@ import { clockText, Timeline } from "./timeline.js";
 const LEAP_SECONDS = 5;
 const ZOOM_STEP = 1.25;
 const HIDE_AFTER = 2500;
+/** Milliseconds between two readings of the clock while the film plays: to show it costs time. */
+const CLOCK_STEP = 100;
 const LAYERS = ["all", "moving", "standing"];
 
 /** Elements of the page by their id. */
@@ -26,7 +28,8 @@ class Player {
     this.isPlaying = false;
     this.isLate = false;
     this.isDirty = false;
-    this.last = 0;
+    this.last = 0; // milliseconds of the screen's clock
+    this.clockRead = 0;
     requestAnimationFrame((now) => this.frame(now));
   }
 
@@ -176,7 +179,7 @@ class Player {
         this.seek(this.film.gops.at(-1).end);
       }
     }
-    this.showTime();
+    if (this.last - this.clockRead > CLOCK_STEP) this.showTime();
   }
 
   draw() {
@@ -213,6 +216,7 @@ class Player {
   }
 
   showTime() {
+    this.clockRead = this.last;
     const { tick, end } = this.timeline;
     const text = `${clockText(this.time * tick)} / ${clockText(end * tick)}`;
     page.time.textContent = text;

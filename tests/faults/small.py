@@ -15,5 +15,5 @@ CHUNKS = pieces(FILE)
 HEAD, FIRST, SECOND = CHUNKS[:3]
 
 
-def opened(data: bytes) -> GsvrReader:
-    return GsvrReader(io.BytesIO(data), Limits())
+def opened(data: bytes, limits: Limits | None = None) -> GsvrReader:
+    return GsvrReader(io.BytesIO(data), limits or Limits())

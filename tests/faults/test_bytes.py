@@ -221,14 +221,17 @@ class TestLengths:
         assert reader.recovered
         assert [reader.read_gop(n) for n in range(3)] == PAYLOADS
 
-    @pytest.mark.parametrize("count", [0, 2, 5, 2**31])
-    def test_a_wrong_count_in_the_index_leads_to_a_search_or_a_limit(self, count: int) -> None:
-        data = patched(FILE, INDEX_TYPE, 0, "I", count)
-        if count > Limits().chunks:
-            with pytest.raises(LimitError):
-                opened(data)
-        else:
-            assert opened(data).recovered
+    @pytest.mark.parametrize("count", [0, 2, 5, 2**16 + 1, 2**31])
+    def test_a_wrong_count_in_the_index_leads_to_a_search(self, count: int) -> None:
+        reader = opened(patched(FILE, INDEX_TYPE, 0, "I", count))
+        assert reader.recovered
+        assert [reader.read_gop(n) for n in range(3)] == PAYLOADS
+
+    def test_more_entries_than_the_limit_are_not_looked_at(self) -> None:
+        data = patched(FILE, INDEX_TYPE, 4, "4s", b"HEAD")
+        assert opened(data).recovered
+        with pytest.raises(LimitError, match="GSVR_LIMIT_CHUNKS"):
+            opened(data, Limits(chunks=3))
 
     def test_entries_that_do_not_match_their_chunks_are_refused_when_read(self) -> None:
         # A longer second GOP: exchanging the two lengths keeps their sum.

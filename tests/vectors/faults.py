@@ -73,6 +73,8 @@ def faulty_vectors() -> Iterator[Fault]:
         patched(good, INDEX_TYPE, 8, "Q", len(second.payload) + 1),
         "no valid index",
     )
+    count = patched(good, INDEX_TYPE, 0, "I", 2**16 + 1)
+    yield Fault("index-count", count, "no valid index")
     yield Fault("index-frame-gap", patched(good, INDEX_TYPE, 72, "Q", 4), "expected 3")
     yield Fault("index-lies", patched(good, INDEX_TYPE, 28, "I", 1), "the index names")
     yield Fault("end-lies", patched(good, END_TYPE, 0, "Q", 2**64 - 1), "no valid index")
@@ -123,6 +125,12 @@ def _order_faults() -> Iterator[Fault]:
     yield without_index("walk-descending", "first frame is 0, after 5", second, first)
     yield without_index("walk-twice", "first frame is 0, after 2", first, first, second)
     yield without_index("walk-lost", "frames 0 to 2 are lost", second)
+    no_counts = patched(patched(good, HEAD_TYPE, 8, "I", 2), HEAD_TYPE, 58, "QI", 0, 0)
+    growing = pieces(no_counts)[0]
+    damaged = joined([growing, settings, first], reindex=False)
+    damaged = _flip(damaged, damaged.index(settings.to_bytes()) + 16)
+    yield Fault("stream-lost", joined([growing, second], reindex=False), "frames 0 to 2 are lost")
+    yield Fault("stream-settings-damaged", damaged, "chunk sett")
     yield Fault("index-descending", joined([head, second, first]), "expected 0")
     yield Fault(
         "index-first-frame", joined([head, flipped, second]), "first frame is 1, expected 0"

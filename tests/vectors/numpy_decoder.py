@@ -163,9 +163,9 @@ class GopChunk(NamedTuple):
     reference: int
 
 
-def read_summary(offset: int, length: int, summary: bytes, last: GopChunk | None) -> GopChunk:
+def read_summary(offset: int, length: int, data: bytes, last: GopChunk | None = None) -> GopChunk:
     """Read a summary; check it, and that it comes after the last GOP."""
-    gop = GopChunk(offset, length, *Reader(summary).unpack("Q2I2qQI"))
+    gop = GopChunk(offset, length, *Reader(data).unpack("Q2I2qQI"))
     require(gop.frames and gop.first_frame + gop.frames <= 2**62, "A GOP has wrong frame numbers.")
     span = gop.last_pts - gop.first_pts
     inside = -(2**62) < gop.first_pts <= gop.last_pts < 2**62 and gop.last_duration < 2**62
@@ -197,7 +197,7 @@ def read_index(data: bytes, first: int) -> tuple[list[GopChunk], list[bytes]]:
         require(good, f"The index lists a chunk {kind!r}.")
         require(kind == b"GOPD" or not any(summary), "A chunk that is no GOP has a summary.")
         if kind == b"GOPD":
-            gop = read_summary(at, length, summary, gops[-1] if gops else None)
+            gop = read_summary(at, length, summary, *gops[-1:])
             found = gop.reference == 0 or gop.first_frame - gop.reference in starts
             require(gop.first_frame == frames and found, "The index misses frames or a reference.")
             starts.add(gop.first_frame)
@@ -224,10 +224,11 @@ def walk(data: bytes, first: int) -> tuple[list[GopChunk], list[bytes], list[str
             continue
         kinds.append(kind)
         try:
-            require(sound, f"The chunk at byte {offset} has a wrong CRC.")
             if kind == b"GOPD":
-                last = gops[-1] if gops else None
-                gops.append(read_summary(offset, len(payload), payload[:44], last))
+                require(sound, f"The GOP at byte {offset} has a wrong CRC.")
+                end = gops[-1].first_frame + gops[-1].frames if gops else 0
+                gops.append(read_summary(offset, len(payload), payload[:44], *gops[-1:]))
+                require(gops[-1].first_frame == end, f"Frames are missing from frame {end} on.")
         except Corrupt as fault:
             faults.append(str(fault))
         offset += len(payload) + 20
@@ -308,16 +309,15 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     length, plane_count, *grid, reserved = reader.unpack("6H")
     source, dropped, changed, moved = reader.unpack("4I")
     require(length == 72 or (header.minor and length > 72), f"The head has {length} bytes.")
-    flat = any(grid) and not all(grid)
-    require(reserved == 0 and not flat, "The tri-plane is flat, or the reserved field not 0.")
+    require(not reserved and any(grid) == all(grid), "A wrong tri-plane or reserved field.")
     require(source == 0 or chunk.reference, "A key GOP has Gaussians of a reference.")
     carried = source - dropped
-    good = 0 <= carried <= chunk.gaussians and max(changed, moved) <= carried
-    require(good, "The counts of Gaussians do not fit together.")
+    require(max(changed, moved) <= carried <= chunk.gaussians, "The counts do not fit together.")
     for number, most in zip((chunk.gaussians, chunk.frames, *grid), header.most, strict=True):
         require(number <= most, "The GOP exceeds a maximum of the header.")
     require(source <= header.most[0], "The reference exceeds a maximum of the header.")
-    limit(source, LIMIT_GAUSSIANS, "Gaussians in a GOP")
+    limit(max(chunk.gaussians, source), LIMIT_GAUSSIANS, "Gaussians in a GOP")
+    limit(chunk.frames, LIMIT_FRAMES, "Frames in a GOP")
     reader.take(length - 72)
     pts, durations = read_timing(reader, chunk)
     counts = {"new": chunk.gaussians - carried, "reference": source}
@@ -325,8 +325,10 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     planes = read_table(reader, plane_count, grid, counts)
     plain = not header.flags & IMAGE_CODECS
     require(not plain or all(p.codec not in (2, 3) for p in planes), "A plain file has an image.")
+    sizes = [plane.width * plane.height for plane in planes]
+    limit(4 * sum(sizes), 2**26 + 4096 * len(payload), "Bytes of all planes")
+    limit(max(sizes, default=0), LIMIT_PLANE_SAMPLES, "Samples of a plane")
     for plane in planes:
-        limit(plane.width * plane.height, LIMIT_PLANE_SAMPLES, "Samples of a plane")
         coded = Reader(reader.take(plane.length))
         try:
             plane.samples = CODECS[plane.codec](coded, plane)
@@ -387,6 +389,7 @@ def read_table(reader: Reader, count: int, grid: list[int], n: dict[str, int]) -
         require(a.name != "mode" or (bits, o, s) == (3, 0, 1), "The plane mode is not of 3 bits.")
         size, prior = sizes[a.grid], priors[a.grid]
         planes.append(Plane(a, component, codec, bits, o, s, length, *size, prior))
+    require(sum(p.length for p in planes) <= len(reader.data) - reader.at, "Planes are too long.")
     return planes
 
 
@@ -866,11 +869,8 @@ class Film:
         self._references: list[int | None] = []  # the index of the reference; None = none, missing
         self._gops: dict[int, Gop] = {}
         self._gaussians: dict[int, Values] = {}
-        starts: dict[int, int] = {}
-        depth: dict[int | None, int] = {None: 0}
+        starts, depth = dict[int, int](), dict[int | None, int]({None: 0})
         for i, chunk in enumerate(self.chunks):
-            limit(chunk.frames, LIMIT_FRAMES, "Frames in a GOP")
-            limit(chunk.gaussians, LIMIT_GAUSSIANS, "Gaussians in a GOP")
             before = starts.get(chunk.first_frame - chunk.reference)
             self._references.append(before)
             depth[i] = depth[before] + 1
@@ -884,8 +884,8 @@ class Film:
             chunk = self.chunks[index]
             try:
                 kind, payload, sound = read_chunk(self.data, chunk.offset)
-                require(sound and len(payload) == chunk.length, "The length or CRC is wrong.")
-                require(kind == b"GOPD", "The chunk is no GOP, but the index says so.")
+                found = (kind, len(payload), sound)
+                require(found == (b"GOPD", chunk.length, True), "Wrong type, length or CRC.")
                 self._gops[index] = read_gop(payload, chunk, self.header)
             except (Corrupt, Unsupported) as fault:
                 raise type(fault)(f"GOP chunk at byte {chunk.offset}: {fault}") from fault

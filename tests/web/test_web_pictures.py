@@ -24,7 +24,9 @@ STREAMS = sorted({path.stem for path in make.VALID.glob("*.gsvr")} - FOREIGN)
 
 def described(name: str) -> list[dict[str, Any]]:
     """The pictures of a conformance stream, and three between its frames."""
-    pictures: list[dict[str, Any]] = json.loads((make.VALID / f"{name}.json").read_text())["pictures"]
+    pictures: list[dict[str, Any]] = json.loads((make.VALID / f"{name}.json").read_text())[
+        "pictures"
+    ]
     return pictures
 
 
@@ -47,12 +49,8 @@ def rendered(
 
 
 def assert_alike(found: NDArray[np.uint8], wanted: NDArray[np.uint8], most: int) -> None:
-    """At most `most` codes off, and that in 99.9 % of the samples (16 samples of a small picture)."""
-    difference = np.abs(found.astype(int) - wanted)
-    assert difference.max(initial=0) <= most + 1
-    assert np.count_nonzero(difference > most) <= max(16, difference.size // 1000)
-
-
+    """No sample is more than `most` codes off; the spec's class allows 1, in few samples."""
+    assert np.abs(found.astype(int) - wanted).max(initial=0) <= most
 
 
 def on_cpu(name: Path, picture: dict[str, Any], **options: Any) -> NDArray[np.uint8]:
@@ -126,7 +124,9 @@ class TestViews:
     ) -> None:
         """A magnified part of a turned picture has the codes of the whole one, rendered at once."""
         path = site.films / "film-odd.gsvr"
-        whole = on_cpu(path, {"time": described("film-odd")[0]["time"], "width": 482, "height": 270})
+        whole = on_cpu(
+            path, {"time": described("film-odd")[0]["time"], "width": 482, "height": 270}
+        )
         if mirrored:
             whole = whole[:, ::-1]
         turned = np.rot90(whole, -rotation // 90)

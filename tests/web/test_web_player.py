@@ -23,6 +23,9 @@ from tests.web.conftest import Site, watched
 
 FILM = "film-sound.gsvr"
 
+#: GOP, frame in it, tau, weight of the next GOP.
+Moment = tuple[int, int, float, float]
+
 
 def until(found: Callable[[], Any], seconds: float = 10) -> Any:
     """Wait until something is found, and return it."""
@@ -33,11 +36,16 @@ def until(found: Callable[[], Any], seconds: float = 10) -> Any:
     return value
 
 
-def moment(page: Any) -> tuple[int, int, float, float]:
+def moment(page: Any) -> Moment:
     """What is drawn: GOP, frame in it, tau, weight of the next GOP; (-1, -1, 0, 0) = nothing."""
     text = page.evaluate("document.getElementById('picture').dataset.moment ?? '-1 -1 0 0'")
     index, frame, tau, weight = text.split()
     return int(index), int(frame), float(tau), float(weight)
+
+
+def shows(page: Any, place: tuple[int, int]) -> Any:
+    """Wait until a frame, the second number, of a GOP, the first, is drawn."""
+    return until(lambda: moment(page)[:2] == place)
 
 
 def opened(page: Any, site: Site, name: str) -> Any:
@@ -45,6 +53,14 @@ def opened(page: Any, site: Site, name: str) -> Any:
     page.goto(site.player(name))
     until(lambda: moment(page)[0] >= 0)
     return page
+
+
+def moments_until(page: Any, done: Callable[[set[Moment]], bool]) -> set[Moment]:
+    """Note what is drawn until `done` says of it that it is enough."""
+    seen: set[Moment] = set()
+    while not done(seen):
+        seen.add(moment(page))
+    return seen
 
 
 def sentence(page: Any) -> str:
@@ -83,8 +99,10 @@ def seconds_shown(page: Any) -> float:
 def at_rest(page: Any) -> NDArray[np.uint8]:
     """The picture as it is seen, when it is rendered at the size of the screen."""
     size = page.evaluate(
-        "() => { const box = document.getElementById('theatre').getBoundingClientRect();"
-        " return [Math.round(box.width * devicePixelRatio), Math.round(box.height * devicePixelRatio)] }"
+        """() => {
+            const { width, height } = document.getElementById("theatre").getBoundingClientRect();
+            return [width, height].map((side) => Math.round(side * devicePixelRatio));
+        }"""
     )
     until(lambda: page.locator("#picture").evaluate("c => [c.width, c.height]") == size)
     page.wait_for_timeout(300)
@@ -111,9 +129,9 @@ class TestPicture:
         with gsvrcodec.open(site.films / "film-turned.gsvr") as decoder:
             metadata = decoder.metadata
         width = metadata.width * float(metadata.sample_aspect)
-        sides = (width, metadata.height)
+        sides = [width, float(metadata.height)]
         if metadata.rotation % 180:
-            sides = (metadata.height, width)
+            sides.reverse()
         wide = seen.shape[0] * sides[0] / sides[1]
         assert abs(bright[-1] - bright[0] + 1 - min(wide, seen.shape[1])) < 4
 
@@ -150,13 +168,15 @@ class TestTime:
         """Each place of the slider shows its frame; frames last from their time to the next."""
         opened(page, site, FILM)
         gops = json.loads((make.VALID / "film-sound.json").read_text())["gops"]
-        places = [(gop, frame) for gop, each in enumerate(gops) for frame in range(len(each["pts"]))]
+        places = [
+            (gop, frame) for gop, each in enumerate(gops) for frame in range(len(each["pts"]))
+        ]
         times = [pts - gops[0]["pts"][0] for gop in gops for pts in gop["pts"]]
         end = float(page.locator("#seek").get_attribute("max"))
         chosen = np.random.default_rng(5).integers(0, len(places), 200)
         for number in chosen.tolist():
             seek(page, (times[number] + 1) / end)
-            until(lambda wanted=places[number]: moment(page)[:2] == wanted)
+            shows(page, places[number])
 
     def test_steps(self, page: Any, site: Site) -> None:
         opened(page, site, FILM)
@@ -194,8 +214,7 @@ class TestTime:
         opened(page, site, FILM)
         page.locator("#speed").select_option("0.05")
         page.keyboard.press(" ")
-        seen = set()
-        until(lambda: seen.add(moment(page)) or len(seen) > 4)
+        seen = moments_until(page, lambda seen: len(seen) > 4)
         assert len({place[:2] for place in seen}) < len(seen)
         assert seconds_shown(page) < 0.5
 
@@ -203,9 +222,7 @@ class TestTime:
         opened(page, site, FILM)
         frames = len(json.loads((make.VALID / "film-sound.json").read_text())["gops"][0]["pts"])
         page.keyboard.press(" ")
-        seen = set()
-        until(lambda: seen.add(moment(page)) or page.locator("#play").text_content() is not None)
-        until(lambda: seen.add(moment(page)) or seconds_shown(page) > 0.3)
+        seen = moments_until(page, lambda _: seconds_shown(page) > 0.3)
         for index, frame, tau, weight in seen - {(-1, -1, 0.0, 0.0)}:
             if index == 0:
                 assert tau == pytest.approx(2 * frame / (frames - 1) - 1, abs=1e-5)
@@ -221,7 +238,7 @@ class TestTime:
             for frame, (start, stop) in enumerate(zip(gop["pts"], gop["pts"][1:], strict=False)):
                 for place in (start, stop - 0.5):
                     seek(page, (place - first + 0.25) / end)
-                    until(lambda wanted=(index, frame): moment(page)[:2] == wanted)
+                    shows(page, (index, frame))
 
 
 class TestLayersAndOutlines:
@@ -420,7 +437,9 @@ class TestDevices:
         for scheme in ["dark", "light"]:
             page.emulate_media(color_scheme=scheme)
             shades.append(
-                page.evaluate("getComputedStyle(document.getElementById('controls')).backgroundColor")
+                page.evaluate(
+                    "getComputedStyle(document.getElementById('controls')).backgroundColor"
+                )
             )
         dark, light = (sum(map(int, re.findall(r"\d+", shade))) for shade in shades)
         assert dark < 200 < 600 < light
@@ -468,6 +487,10 @@ class TestGallery:
         page.goto(site.url)
         names = until(lambda: page.locator("#films b").all_text_contents())
         assert names == sorted(path.name for path in site.films.glob("*.gsvr"))
-        until(lambda: all("x" in text for text in page.locator("#films small").all_text_contents()[:4]))
+        until(
+            lambda: all(
+                "x" in text for text in page.locator("#films small").all_text_contents()[:4]
+            )
+        )
         page.locator("#films a").first.click()
         until(lambda: moment(page)[0] >= 0)

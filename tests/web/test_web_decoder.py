@@ -1,0 +1,106 @@
+"""The decoder in JavaScript: the conformance kit, and damaged films by the thousand."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import random
+from typing import Any
+
+import pytest
+
+from gsvrcodec.bitstream.gop_chain import GopUnpacker
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.errors import CorruptError, UnsupportedError
+from gsvrcodec.limits import Limits
+from tests import fuzz
+from tests.vectors import make
+
+FAULTY = json.loads((make.FAULTY / "expected.json").read_text())
+ERRORS = {0: "ok", 3: "CorruptError", 4: "UnsupportedError"}
+
+
+def verdicts(bench: Any, contents: list[bytes]) -> list[list[str]]:
+    """What the decoder says to files: "ok" or the name of the error, and its sentence."""
+    texts = [base64.b64encode(content).decode("ascii") for content in contents]
+    found: list[list[str]] = bench.evaluate(
+        """async (texts) => {
+            const found = [];
+            for (const text of texts) found.push(await harness.verdict(harness.fromText(text)));
+            return found;
+        }""",
+        texts,
+    )
+    return found
+
+
+def by_the_package(content: bytes) -> str:
+    """What the package's own decoder says to a file, without `--keep-going`."""
+    try:
+        with GsvrReader(io.BytesIO(content)) as reader:
+            if reader.recovered:
+                return "CorruptError"
+            unpacker = GopUnpacker(reader, Limits())
+            for position in range(len(reader.gops)):
+                unpacker.unpack(position)
+    except CorruptError:
+        return "CorruptError"
+    except UnsupportedError:
+        return "UnsupportedError"
+    return "ok"
+
+
+class TestKit:
+    @pytest.mark.parametrize(
+        "name", ["refined", "predicted-refined", "variable-rate", "film-sound"]
+    )
+    def test_values_are_exact(self, bench: Any, name: str) -> None:
+        """All values of key GOPs, and timing; the other values are compared by their pictures."""
+        content = (make.VALID / f"{name}.gsvr").read_bytes()
+        described = json.loads((make.VALID / f"{name}.json").read_text())["gops"]
+        found = bench.evaluate(
+            "text => harness.values(harness.fromText(text))",
+            base64.b64encode(content).decode("ascii"),
+        )
+        assert len(found) == len(described)
+        for gop, wanted in zip(found, described, strict=True):
+            first = wanted["pts"][0]
+            assert gop["pts"] == [pts - first for pts in wanted["pts"]]
+            for attribute, coded in wanted["values"].items():
+                if attribute in gop["values"] and wanted["reference"] == 0:
+                    raw = base64.b64decode(gop["values"][attribute].partition(",")[2])
+                    assert hashlib.sha256(raw).hexdigest() == coded["sha256"], attribute
+
+    def test_faults_are_found(self, bench: Any) -> None:
+        contents = [(make.FAULTY / f"{name}.gsvr").read_bytes() for name in FAULTY]
+        found = dict(zip(FAULTY, verdicts(bench, contents), strict=True))
+        wrong = {
+            name: (verdict, said)
+            for name, (verdict, said) in found.items()
+            if verdict != ERRORS[FAULTY[name]["gsvrdec"]] and "JPEG XL" not in said
+        }
+        assert wrong == {}
+
+    def test_sentences_say_what_is_wrong(self, bench: Any) -> None:
+        contents = [(make.FAULTY / f"{name}.gsvr").read_bytes() for name in FAULTY]
+        for _, said in verdicts(bench, contents):
+            assert said == "" or (said[0].isupper() and said.endswith(".") and "\n" not in said)
+
+
+class TestDamage:
+    def test_1000_damaged_films(self, bench: Any) -> None:
+        """Flips, cuts, and fields forged under right checksums: the verdict of the package."""
+        draw = random.Random(7)
+        seeds = fuzz.seeds()
+        change = (fuzz.flipped, fuzz.forged)
+        contents = [change[n % 2](draw.choice(seeds), draw) for n in range(1000)]
+        found = verdicts(bench, contents)
+        assert {verdict for verdict, _ in found} <= set(ERRORS.values())
+        wrong = [
+            (verdict, said, wanted)
+            for (verdict, said), content in zip(found, contents, strict=True)
+            if "JPEG XL" not in said and verdict != (wanted := by_the_package(content))
+        ]
+        assert wrong == []
