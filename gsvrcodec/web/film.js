@@ -108,7 +108,6 @@ export class Film {
     const listed = await orFault(readIndex(this.source, start));
     if (!(listed instanceof CorruptError)) {
       listed.forEach(refuseUnknown);
-      limit("chunks", listed.length, "The number of chunks");
       return listed;
     }
     const { chunks, faults, ended } = await walk(this.source, start, this.header);
@@ -173,34 +172,22 @@ export class Film {
     const chain = [];
     let link = k;
     for (; link >= 0 && !this.#known.has(link); link = this.gops[link].reference) chain.push(link);
-    try {
-      let gop = link >= 0 ? this.#recall(link) : null;
-      const place = this.#place(chain.at(-1) ?? k);
-      check(link !== MISSING, `${place}: its reference is not in the file.`);
-      for (const next of [...chain].reverse()) {
+    let gop = link >= 0 ? this.#recall(link) : null;
+    for (const next of chain.reverse()) {
+      try {
+        check(gop || this.gops[next].reference !== MISSING, `${this.#place(next)}: its reference `
+          + "is not in the film.");
         gop = await this.#unpack(next, gop);
         this.#remember(next, gop);
+      } catch (error) {
+        if (isFault(error)) this.#remember(next, error);
+        throw error;
       }
-      return gop;
-    } catch (error) {
-      if (!isFault(error)) throw error;
-      throw await this.#nearest(chain, error);
     }
+    return gop;
   }
 
-  /** Section 11: of the faults in a chain, return that of the nearest GOP. */
-  async #nearest(chain, fault) {
-    let found = fault;
-    try {
-      for (const link of chain) await this.#unpack(link, null);
-    } catch (error) {
-      found = error;
-    }
-    if (chain.length && isFault(found)) this.#remember(chain[0], found);
-    return found;
-  }
-
-  /** Decode a GOP; without its `reference` only what its chunk holds. */
+  /** Decode a GOP, whose `reference`, if it has one, is decoded already. */
   async #unpack(k, reference) {
     const chunk = this.#chunks[k], { summary, chainBytes } = chunk;
     const payload = await readPayload(this.source, chunk);

@@ -4,6 +4,7 @@ import { Cursor } from "./bytes.js";
 import { isType, OVERHEAD_BYTES, readChunkHead, readPayload, readType } from "./chunks.js";
 import { check, orFault } from "./errors.js";
 import { readSummary, SUMMARY_BYTES } from "./gop_head.js";
+import { limit } from "./limits.js";
 
 const ENTRY_BYTES = 56;
 const END_CHUNK_BYTES = OVERHEAD_BYTES + 16;
@@ -29,6 +30,7 @@ function parseEntries(payload, start, stop) {
   const cursor = new Cursor(payload), chunks = [], firstFrames = new Set();
   const count = cursor.u32();
   check(cursor.left === count * ENTRY_BYTES, "Its index has a wrong length.");
+  limit("chunks", count, "The number of chunks");
   let offset = start, last = null;
   for (let i = 0; i < count; i++) {
     const type = readType(cursor), length = Number(cursor.u64());

@@ -6,14 +6,24 @@ import { allocate } from "./limits.js";
 /** Bytes that are given to the inflater at a time, so that little comes out at a time. */
 const PIECE_BYTES = 4096;
 
+let strict = null; // what findsLeftovers found
+
 /** Inflate a stream, "deflate" (zlib) or "deflate-raw", which must fill `bytes` and give `size`. */
 export async function inflate(bytes, format, size) {
   const result = await attempt(bytes, format, size);
   check(result, "its deflate stream is damaged, or has a wrong length.");
-  // Some inflaters ignore bytes behind the end. A stream without its last byte has no end.
-  const early = await attempt(bytes.subarray(0, -1), format, size);
-  check(!early, "there are bytes behind its deflate stream.");
+  if (!await findsLeftovers()) {
+    // A stream without its last byte has no end.
+    const early = await attempt(bytes.subarray(0, -1), format, size);
+    check(!early, "there are bytes behind its deflate stream.");
+  }
   return result;
+}
+
+/** Return whether the inflater refuses bytes behind the end of a stream, as not all of them do. */
+function findsLeftovers() {
+  strict ??= attempt(Uint8Array.of(3, 0, 0), "deflate-raw", 0).then((result) => !result);
+  return strict;
 }
 
 /** Return what a stream inflates to; null if it is broken, or has another size. */

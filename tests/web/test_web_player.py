@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 
 import gsvrcodec
 from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.play.export import export_page
+from tests.bitstream.test_long_film import moved
+from tests.gops import HEADER, make_payload
 from tests.making import BUNNY_SMALL
 from tests.vectors import make
 from tests.web.conftest import Site, watched
@@ -443,6 +446,28 @@ class TestDevices:
             )
         dark, light = (sum(map(int, re.findall(r"\d+", shade))) for shade in shades)
         assert dark < 200 < 600 < light
+
+
+class TestLongFilm:
+    def test_a_seek_reads_little_of_the_film(self, page: Any, site: Site) -> None:
+        """Of 48 000 frames, the index and some GOPs are read, in few requests."""
+        path = site.films / "long.gsvr"
+        payload = make_payload(200, frames=16)
+        with path.open("w+b") as file, GsvrWriter(file, HEADER) as writer:
+            for gop in range(3000):
+                writer.add_gop(moved(payload, gop))
+        responses: list[Any] = []
+        page.on("response", lambda response: responses.append(response))
+        opened(page, site, path.name)
+        for share, gop in ((0.9, 2700), (0.3, 900)):
+            seek(page, share)
+            shows(page, (gop, 0))
+        whole = path.stat().st_size
+        path.unlink()
+        films = [response for response in responses if "/films/" in response.url]
+        assert all(response.status == 206 for response in films)
+        assert len(films) <= 8
+        assert sum(int(response.headers["content-length"]) for response in films) < whole / 4
 
 
 class TestMemory:
