@@ -13,7 +13,6 @@ const ZOOM_STEP = 1.25;
 const HIDE_AFTER = 2500;
 /** Milliseconds between two readings of the clock while the film plays: to show it costs time. */
 const CLOCK_STEP = 100;
-const LAYERS = ["all", "moving", "standing"];
 
 /** Elements of the page by their id. */
 const page = Object.fromEntries([...document.querySelectorAll("[id]")].map((each) => [each.id, each]));
@@ -24,6 +23,7 @@ class Player {
     this.pace = new Pace(this.stage.renderer.gl);
     this.film = null;
     this.sound = null;
+    this.said = null;
     this.time = 0; // ticks after the first timestamp
     this.isPlaying = false;
     this.isLate = false;
@@ -49,13 +49,26 @@ class Player {
       this.say(error.message, error.recoverable && (() => this.open(from, name, { keepGoing: true })));
       return;
     }
-    const [{ film: tags = {} }, sound] = await Promise.all([film.metadata(), openSound(film)])
-      .catch(() => [{}, null]);
-    if (film !== this.film) return sound?.close();
-    document.title = `${tags.title || name} - gsvrplay`;
-    this.sound = sound;
-    page.mute.hidden = !sound;
-    this.hear();
+    await this.openRest(film);
+  }
+
+  /** Fetch what the first picture can do without. */
+  async openRest(film) {
+    try {
+      await film.gop(0);
+    } catch {
+      // It is told when the picture is drawn.
+    }
+    try {
+      const { film: { title } = {} } = await film.metadata();
+      if (film === this.film && title) document.title = `${title} - gsvrplay`;
+      const sound = await openSound(film);
+      if (film !== this.film) return sound?.close();
+      this.sound = sound;
+      page.mute.hidden = !sound;
+    } catch (error) {
+      if (film === this.film) this.warning ||= error.message;
+    }
   }
 
   start(film, name) {
@@ -85,6 +98,8 @@ class Player {
 
   /** Show one sentence over the picture; `recover` is what its button does, if it has one. */
   say(sentence, recover = null) {
+    if (sentence === this.said) return;
+    this.said = sentence;
     page.sentence.textContent = sentence;
     page.notice.hidden = !sentence;
     page.recover.hidden = !recover;
@@ -377,6 +392,16 @@ function hideControls(player) {
   }
 }
 
+/** Return the last part of an address, to be read. */
+function nameOf(address) {
+  const name = address.split("/").at(-1);
+  try {
+    return decodeURIComponent(name);
+  } catch {
+    return name;
+  }
+}
+
 /** Open the film in the page's text, or else the one that its address names. */
 function openFirst(player) {
   const inside = document.getElementById("film");
@@ -387,7 +412,7 @@ function openFirst(player) {
     for (let n = 0; n < bytes.length; n++) bytes[n] = text.charCodeAt(n);
     player.open(new Blob([bytes]), inside.dataset.name);
   } else if (address) {
-    player.open(new URL(address, location.href).href, decodeURIComponent(address.split("/").at(-1)));
+    player.open(new URL(address, location.href).href, nameOf(address));
   } else {
     player.say("Open a .gsvr film, or drop one here.");
   }

@@ -1,6 +1,6 @@
 /** Copied sound, played by the browser and kept in step with the pictures. */
 
-/** Seconds by which the sound may be off before it jumps; below it the pictures follow it. */
+/** Seconds by which the pictures may be off before they jump to the sound. */
 const JUMP = 0.2;
 /** Flag of a stream's disposition: the one to play. */
 const DEFAULT = 1;
@@ -54,11 +54,7 @@ class Sound {
     }
     if (element.seeking || element.readyState < 3) return seconds;
     const late = element.currentTime - seconds;
-    if (Math.abs(late) > JUMP) {
-      element.currentTime = seconds;
-      return seconds;
-    }
-    return seconds + late / 10;
+    return seconds + (Math.abs(late) > JUMP ? late : late / 10);
   }
 
   /** Jump with the next `follow`. */
