@@ -115,6 +115,7 @@ class Player {
     if (!this.timeline) return;
     this.time = Math.min(Math.max(time, 0), this.timeline.end);
     this.sound?.jump();
+    this.stage.faults.clear(); // the network may be back
     this.pace.touch();
     this.redraw();
     this.showTime();
@@ -213,7 +214,7 @@ class Player {
     this.isFull = detail === 1;
     if (state === "drawn") this.drew(detail);
     this.say(state === "fault" ? this.stage.fault : "");
-    this.stage.prepare(this.stage.index + 1);
+    if (this.isPlaying || this.pace.isAtRest) this.stage.prepare(this.stage.index, this.isBetween);
     page.picture.classList.toggle("movable", this.camera.zoom > 1);
   }
 

@@ -59,7 +59,7 @@ export class RemoteFilm {
     let found = this.gopsAtHand.get(index);
     if (!found) {
       found = this.call("gop", index);
-      found.then((gop) => this.forget(gop), () => {});
+      found.then((gop) => this.forget(gop), () => this.gopsAtHand.delete(index));
     }
     this.gopsAtHand.delete(index);
     this.gopsAtHand.set(index, found);

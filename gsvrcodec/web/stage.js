@@ -89,9 +89,11 @@ export class Stage {
     });
   }
 
-  /** Have a GOP unpacked ahead of time. */
-  prepare(index) {
-    if (index < this.film.gops.length) this.film.gop(index).catch(() => {});
+  /** Have what follows a GOP on the device ahead of time; `between` as in `show`. */
+  prepare(index, between) {
+    if (index + 1 >= this.film.gops.length) return;
+    this.gop(index + 1);
+    if (between && this.film.gops[index + 1].reference === index) this.passage(index);
   }
 
   /**
