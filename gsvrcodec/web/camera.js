@@ -1,6 +1,6 @@
 /** Which part of the picture is seen, and how large. */
 
-import { View } from "./renderer.js";
+import { View } from "./view.js";
 
 const MOST_ZOOM = 64;
 /** Longest side at which a picture is rendered, pixels. */
@@ -34,7 +34,8 @@ export class Camera {
     const before = this.scale(screen);
     this.zoom = zoom;
     const after = this.scale(screen);
-    this.moveBy([0, 1].map((axis) => (place[axis] - screen[axis] / 2) * (1 - after / before)), screen);
+    const way = [0, 1].map((axis) => (place[axis] - screen[axis] / 2) * (1 - after / before));
+    this.moveBy(way, screen);
   }
 
   /** Move the picture by a distance on the screen. */

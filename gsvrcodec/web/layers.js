@@ -16,14 +16,15 @@ function median(values) {
 export function findMoving(gaussians, width, height) {
   const count = gaussians.length / FLOATS;
   const [linearX, linearY, quadraticX, quadraticY] = [0, 1, 2, 3].map((part) => {
-    const values = Float32Array.from({ length: count }, (_, n) => gaussians[n * FLOATS + MOTION + part]);
+    const values = new Float32Array(count);
+    for (let n = 0; n < count; n++) values[n] = gaussians[n * FLOATS + MOTION + part];
     const camera = count ? median(values) : 0;
     const half = (part % 2 ? height : width) / 2;
     return values.map((value) => (value - camera) * half);
   });
   const least = LEAST_WAY * Math.max(width, height);
   return Uint8Array.from({ length: count }, (_, n) => {
-    const way = (sign) => Math.hypot(quadraticX[n] + sign * linearX[n], quadraticY[n] + sign * linearY[n]);
-    return Math.max(way(1), way(-1)) > least ? 1 : 0;
+    const [x, y, dx, dy] = [quadraticX[n], quadraticY[n], linearX[n], linearY[n]];
+    return Math.max(Math.hypot(x + dx, y + dy), Math.hypot(x - dx, y - dy)) > least ? 1 : 0;
   });
 }

@@ -2,7 +2,7 @@
 
 /** Milliseconds after the last touch until a picture is rendered at full size. */
 const REST = 250;
-/** Least pixels of the longer side of the screen; below it the time is for Gaussians, not pixels. */
+/** Least pixels of the longer side; with fewer, the time is for Gaussians, not for pixels. */
 const LEAST_SIDE = 240;
 
 export class Pace {

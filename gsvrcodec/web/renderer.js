@@ -16,8 +16,6 @@ const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 2]];
 const LEVELS = 5;
 /** Groups: still ones by level, then the others by level; and those that are not drawn. */
 const UNUSED = 2 * LEVELS;
-/** Pixels by which the edge of a drawn part can be wrong: one of the coarsest level. */
-const MARGIN = 2 ** (LEVELS - 1);
 
 /** Return whether a Gaussian looks the same in all frames of its GOP (section 8.2). */
 function isStill(gaussians, at) {
@@ -128,58 +126,15 @@ export class Scene {
   }
 }
 
-/**
- * Where a picture is drawn: all that is needed to go from pixels of the frame to the screen.
- * `frame` is the size W, H at which it is rendered, before it is mirrored and turned; `left` and
- * `top` the place of the turned picture on the screen, pixels.
- */
-export class View {
-  constructor({ coded, frame, left = 0, top = 0, rotation = 0, mirrored = false, screen }) {
-    Object.assign(this, { frame, left, top, screen });
-    const [width, height] = frame;
-    this.zoom = [width / coded[0], height / coded[1]];
-    // The pixel (x, y) of the frame is drawn at x columns[0] + y columns[1] + shift.
-    const along = [[1, 0], [0, 1], [-1, 0], [0, -1]];
-    const quarter = rotation / 90;
-    const x = mirrored ? along[(quarter + 2) % 4] : along[quarter];
-    const y = along[(quarter + 1) % 4];
-    // What the least corner has to be moved by to come to 0, 0; in places between pixels.
-    const corner = [0, 1].map((axis) => -Math.min(0, x[axis] * width) - Math.min(0, y[axis] * height));
-    this.columns = [...x, ...y];
-    this.shift = [left + corner[0], top + corner[1]];
-    this.region = this.visible();
-  }
-
-  /** Return the part of the frame that is seen: x0, y0, x1, y1, with x0 and y0 on all levels. */
-  visible() {
-    const [xx, xy, yx, yy] = this.columns;
-    const at = [[0, 0], this.screen].map(([column, row]) => {
-      const dx = column - this.shift[0], dy = row - this.shift[1];
-      return [xx * dx + xy * dy, yx * dx + yy * dy];
-    });
-    const result = [0, 0, 0, 0];
-    for (const axis of [0, 1]) {
-      const least = Math.min(at[0][axis], at[1][axis]), most = Math.max(at[0][axis], at[1][axis]);
-      const low = Math.floor(least / MARGIN) * MARGIN - MARGIN;
-      result[axis] = Math.max(low, 0);
-      result[axis + 2] = Math.min(Math.ceil(most / MARGIN) * MARGIN + MARGIN, this.frame[axis]);
-    }
-    return result;
-  }
-
-  get isEmpty() {
-    const [x0, y0, x1, y1] = this.region;
-    return x1 <= x0 || y1 <= y0;
-  }
-}
-
 /** Draws scenes on a canvas. */
 export class Renderer {
   /**
    * Throws `GsvrError` if the browser or its device cannot. `bits` of 16 asks for 16-bit targets.
    */
   constructor(canvas, { bits = 32 } = {}) {
-    const options = { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" };
+    const options = {
+      alpha: false, antialias: false, depth: false, powerPreference: "high-performance",
+    };
     const gl = canvas.getContext("webgl2", options);
     if (!gl) {
       throw new GsvrError(

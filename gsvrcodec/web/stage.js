@@ -1,6 +1,7 @@
 /** The canvas: draws the picture of any time, at the size that the device has time for. */
 
-import { Renderer, View } from "./renderer.js";
+import { Renderer } from "./renderer.js";
+import { View } from "./view.js";
 
 /** GOPs that are kept on the device, passages between two GOPs included. */
 const SCENES = 4;

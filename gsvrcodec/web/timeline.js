@@ -37,8 +37,8 @@ export class Timeline {
     while (frame > 0 && pts[frame] > after) frame--;
     const following = this.gops[index + 1];
     if (between && after > pts[last] && following) {
-      const gap = following.start - this.gops[index].end;
-      return { index, frame, tau: tauOf(pts[last], pts), next: Math.min((after - pts[last]) / gap, 1) };
+      const next = (after - pts[last]) / (following.start - this.gops[index].end);
+      return { index, frame, tau: tauOf(pts[last], pts), next: Math.min(next, 1) };
     }
     const at = between ? Math.min(Math.max(after, 0), pts[last]) : pts[frame];
     return { index, frame, tau: tauOf(at, pts), next: 0 };
@@ -72,8 +72,8 @@ export function tauOf(a, pts) {
 /** Return seconds as a person writes them: 1:02:03.45. */
 export function clockText(seconds) {
   const hundredths = Math.floor(seconds * 100 + 1e-6);
-  const [minutes, rest] = [Math.floor(hundredths / 6000), hundredths % 6000];
-  const tail = `${String(Math.floor(rest / 100)).padStart(2, "0")}.${String(rest % 100).padStart(2, "0")}`;
+  const minutes = Math.floor(hundredths / 6000);
+  const tail = ((hundredths % 6000) / 100).toFixed(2).padStart(5, "0");
   if (minutes < 60) return `${minutes}:${tail}`;
   return `${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${tail}`;
 }

@@ -104,7 +104,8 @@ def pictures_a_second(page: Page, name: str, width: int, height: int) -> float:
     """Pictures that SwiftShader renders in a second: all frames of the first GOP, to the last."""
     milliseconds: list[float] = page.evaluate(
         """async ([name, width, height, rounds]) => {
-            const { Renderer, View } = await import("/renderer.js");
+            const { Renderer } = await import("/renderer.js");
+            const { View } = await import("/view.js");
             const film = await harness.openFilm(new URL(`films/${name}`, location.href).href);
             const gop = await film.gop(0);
             const canvas = document.createElement("canvas");

@@ -22,6 +22,8 @@ ARGUMENTS = [
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
     *("--no-first-run", "--disable-quic", "--autoplay-policy=no-user-gesture-required"),
+    # Pictures follow each other as fast as they are drawn.
+    *("--disable-frame-rate-limit", "--disable-gpu-vsync"),
 ]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 

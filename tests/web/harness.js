@@ -69,7 +69,8 @@ globalThis.harness = {
   async render(url, pictures, bits) {
     const { Stage } = await import("/stage.js");
     const { Timeline } = await import("/timeline.js");
-    const { Renderer, View } = await import("/renderer.js");
+    const { Renderer } = await import("/renderer.js");
+    const { View } = await import("/view.js");
     const film = await this.openFilm(new URL(url, location.href).href);
     let wake = null;
     const stage = new Stage(document.createElement("canvas"), () => wake());
@@ -100,7 +101,8 @@ globalThis.harness = {
 
   /** Draw 140 x 100 pixels of the first picture at 482 x 270, from the column 57 of the row 81. */
   async part(url, rotation, mirrored) {
-    const { Renderer, View } = await import("/renderer.js");
+    const { Renderer } = await import("/renderer.js");
+    const { View } = await import("/view.js");
     const film = await this.openFilm(new URL(url, location.href).href);
     const { width, height } = film.header;
     const canvas = document.createElement("canvas");
