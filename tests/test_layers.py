@@ -39,6 +39,7 @@ ALLOWED: dict[str, set[str]] = {
         "cv2",
     },
     "decoder": {"errors", "limits", "bitstream", "model", "render", "video", "numpy"},
+    "dataset": {"errors", "limits", "bitstream", "decoder", "torch"},
     "encoder": {
         *(
             "errors",
