@@ -20,7 +20,7 @@ from gsvrcodec.errors import UsageError
 from gsvrcodec.limits import Limits
 
 #: What becomes of a clip that reaches over the end of its film.
-Ending = Literal["repeat_last", "wrap", "error"]
+Policy = Literal["repeat_last", "wrap", "error"]
 
 
 class ClipDataset(Dataset[Any]):
@@ -45,7 +45,7 @@ class ClipDataset(Dataset[Any]):
         random: bool = False,
         size: RequestedSize | None = None,
         transform: Callable[[torch.Tensor], Any] | None = None,
-        ending: Ending = "repeat_last",
+        policy: Policy = "repeat_last",
         open_films: int = 8,
         limits: Limits | None = None,
     ) -> None:
@@ -63,13 +63,13 @@ class ClipDataset(Dataset[Any]):
             size: size of the pictures, as of `gsvrcodec.open`; None = as coded. Films of several
                 sizes need one to be batched.
             transform: applied to each clip, a tensor that may be changed.
-            ending: of the clip of a film that is too short: the last frame is repeated, the film
-                begins again, or an error says so at once.
+            policy: of the clip of a film that is too short, as torchcodec's: its last frame is
+                repeated, it begins again, or an error says so at once.
             open_films: films that stay open in a process.
             limits: limits on the content, as of `gsvrcodec.open`.
 
         Raises:
-            UsageError: a number is below 1, `ending` is unknown, there is no film, or one is too
+            UsageError: a number is below 1, `policy` is unknown, there is no film, or one is too
                 short.
             GsvrError: a film cannot be opened; see `gsvrcodec.open`.
         """
@@ -77,16 +77,14 @@ class ClipDataset(Dataset[Any]):
         self.frames, self.stride = frames, stride
         self.step = frames * stride if step is None else step
         self.random, self.size, self.transform = random, size, transform
-        self.ending, self.limits, self._open_films = ending, limits, open_films
-        for name, value in (
-            *(("frames", frames), ("stride", stride), ("step", self.step)),
-            ("open_films", open_films),
-        ):
+        self.policy, self.limits, self._open_films = policy, limits, open_films
+        numbers = {"frames": frames, "stride": stride, "step": self.step, "open_films": open_films}
+        for name, value in numbers.items():
             if value < 1:
                 raise UsageError(f"`{name}` must be at least 1, not {value}")
-        if ending not in get_args(Ending):
+        if policy not in get_args(Policy):
             raise UsageError(
-                f"`ending` must be one of {', '.join(get_args(Ending))}, not {ending!r}"
+                f"`policy` must be one of {', '.join(get_args(Policy))}, not {policy!r}"
             )
         if not self.paths:
             raise UsageError("a dataset of clips needs at least one film")
@@ -106,13 +104,13 @@ class ClipDataset(Dataset[Any]):
         film, start = self.place(index)
         if self.random:
             start = int(torch.randint(self._starts(film, 1), ()))
-        numbers = range(start, start + self.span, self.stride)
-        length = self._lengths[film]
-        if self.ending == "wrap":
-            inside = [number % length for number in numbers]
+        stop = min(start + self.span, self._lengths[film])
+        found = range(start, stop, self.stride)
+        if self.policy == "wrap":
+            numbers = [found[n % len(found)] for n in range(self.frames)]
         else:
-            inside = [min(number, length - 1) for number in numbers]
-        data: Any = self._decoder(film).get_frames_at(inside).data
+            numbers = [found[min(n, len(found) - 1)] for n in range(self.frames)]
+        data: Any = self._decoder(film).get_frames_at(numbers).data
         clip = data.permute(0, 3, 1, 2)
         return clip if self.transform is None else self.transform(clip)
 
@@ -150,7 +148,7 @@ class ClipDataset(Dataset[Any]):
         for path in self.paths:
             with open_film(path, limits=self.limits) as decoder:
                 length = len(decoder)
-            if length < self.span and self.ending == "error":
+            if length < self.span and self.policy == "error":
                 raise UsageError(f"{path} has {length} frames, a clip takes {self.span}")
             yield length
 

@@ -69,10 +69,12 @@ class TestClips:
     def test_of_short_films(self, films: list[Path], pictures: list[torch.Tensor]) -> None:
         (clip,) = ClipDataset(films[1], frames=5)
         assert torch.equal(clip, pictures[1][[0, 1, 2, 2, 2]])
-        (clip,) = ClipDataset(films[1], frames=5, ending="wrap")
+        (clip,) = ClipDataset(films[1], frames=5, policy="wrap")
         assert torch.equal(clip, pictures[1][[0, 1, 2, 0, 1]])
+        (clip,) = ClipDataset(films[0], frames=8, stride=5, policy="repeat_last")
+        assert torch.equal(clip, pictures[0][[0, 5, 10, 10, 10, 10, 10, 10]])
         with pytest.raises(UsageError, match="has 3 frames, a clip takes 5"):
-            ClipDataset(films, frames=5, ending="error")
+            ClipDataset(films, frames=5, policy="error")
 
     def test_size_and_transform(self, films: list[Path]) -> None:
         clips = ClipDataset(
@@ -126,7 +128,7 @@ class TestClips:
         with pytest.raises(UsageError, match="at least one film"):
             ClipDataset([])
         with pytest.raises(UsageError, match="one of repeat_last, wrap, error, not 'stop'"):
-            ClipDataset([], ending="stop")  # type: ignore[arg-type]
+            ClipDataset([], policy="stop")  # type: ignore[arg-type]
         with pytest.raises(InputError, match="no such file"):
             ClipDataset(tmp_path / "none.gsvr")
 
