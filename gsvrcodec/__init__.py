@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gsvrcodec import errors
+    from gsvrcodec.dataset import ClipDataset
     from gsvrcodec.decoder.decoder import Decoder, open
     from gsvrcodec.decoder.export import decode
     from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from gsvrcodec.limits import Limits
 
 __all__ = [
+    "ClipDataset",
     "Decoder",
     "Frame",
     "FrameBatch",
@@ -41,6 +43,7 @@ __version__ = "0.1.0"
 
 #: Module of each public name.
 _HOMES = {
+    "ClipDataset": "gsvrcodec.dataset",
     "Decoder": "gsvrcodec.decoder.decoder",
     "Frame": "gsvrcodec.decoder.frames",
     "FrameBatch": "gsvrcodec.decoder.frames",

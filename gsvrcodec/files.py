@@ -107,12 +107,14 @@ def remove_partials(path: Path) -> None:
 
 
 @contextmanager
-def gathered_output(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
+def gathered_output(
+    path: str | os.PathLike[str] | BinaryIO, *, overwrite: bool = False
+) -> Iterator[Path]:
     """As `atomic_output`, but a pipe, a device or "-" is written only when the block succeeds.
 
-    "-" is the standard output.
+    "-" is the standard output. A binary file object is written where it stands, and stays open.
     """
-    if not is_stream(path):
+    if isinstance(path, str | os.PathLike) and not is_stream(path):
         with atomic_output(path, overwrite=overwrite) as partial:
             yield partial
         return
@@ -120,7 +122,9 @@ def gathered_output(path: str | os.PathLike[str], *, overwrite: bool = False) ->
         gathered = Path(directory) / "gathered"
         yield gathered
         with gathered.open("rb") as file, named(path):
-            if os.fspath(path) == "-":
+            if not isinstance(path, str | os.PathLike):
+                shutil.copyfileobj(file, path)
+            elif os.fspath(path) == "-":
                 shutil.copyfileobj(file, sys.stdout.buffer)
                 sys.stdout.buffer.flush()
             else:
@@ -211,14 +215,28 @@ def _locked(file: BinaryIO) -> bool:
 
 
 @contextmanager
-def named(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn an `OSError` of the block into an `OutputError` that names `path`."""
+def named(path: str | os.PathLike[str] | BinaryIO) -> Iterator[None]:
+    """Turn an `OSError` of the block into an `OutputError` that names `path` or a file object."""
     try:
         yield
     except OSError as error:
         if isinstance(error, GsvrError | BrokenPipeError):
             raise
+        if not isinstance(path, str | os.PathLike):
+            path = str(getattr(path, "name", "the file object"))
         raise OutputError(f"{path} cannot be written: {_reason(error)}") from error
+
+
+@contextmanager
+def spooling() -> Iterator[None]:
+    """Turn an `OSError` of the block, which copies an input, into an `OutputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"the input cannot be copied to {tempfile.gettempdir()}: {_reason(error)}; "
+            "TMPDIR names another directory"
+        ) from error
 
 
 def _flush(path: Path) -> None:

@@ -39,6 +39,7 @@ ALLOWED: dict[str, set[str]] = {
         "cv2",
     },
     "decoder": {"errors", "limits", "bitstream", "model", "render", "video", "numpy"},
+    "dataset": {"errors", "limits", "bitstream", "decoder", "torch"},
     "encoder": {
         *(
             "errors",
@@ -73,7 +74,10 @@ ONLY_IN = {
         *("refinement_bits.py", "timing.py"),
     },
     ("bitstream", "fsspec"): {"source.py"},
-    ("render", "torch"): {"reference.py", "device.py", "backend.py", "native.py", *_TRITON},
+    ("render", "torch"): {
+        *("__init__.py", "reference.py", "device.py", "backend.py", "native.py"),
+        *_TRITON,
+    },
     ("render", "triton"): _TRITON,
     ("decoder", "video"): {"export.py"},
     ("encoder", "cv2"): {"analysis.py"},

@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
 from gsvrcodec.decoder.gop_cache import GopCache
 from gsvrcodec.decoder.pictures import PictureMaker, RequestedSize, picture_size
-from gsvrcodec.errors import CorruptError, LimitError
+from gsvrcodec.errors import CorruptError, LimitError, UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
 from gsvrcodec.render import Codes, backend_on
@@ -46,10 +46,13 @@ class Decoder:
         threads: int = 0,
         device: str = "cpu",
         arrays: bool = False,
+        tensors: bool = False,
         limits: Limits | None = None,
         keep_going: bool = False,
     ) -> None:
         """Open a file; see `open`."""
+        if arrays and tensors:
+            raise UsageError("`arrays` and `tensors` exclude each other; give one")
         device = choose_device(device)
         self._limits = limits or Limits.from_environment()
         self._gops = GopCache(source, self._limits, lambda gop: self._maker.prepare(gop))
@@ -67,7 +70,7 @@ class Decoder:
                 layers=layers,
                 bit_depth=bit_depth,
                 backend=backend_on(device, threads),
-                tensors=device != "cpu" and not arrays,
+                tensors=tensors or (device != "cpu" and not arrays),
             )
         except BaseException:
             self._gops.close()
@@ -193,7 +196,7 @@ class Decoder:
             start = part.stop
         base = self._reader.header.time_base
         return FrameBatch(
-            data=data,
+            data=self._maker.given(data),
             index=np.array(numbers, np.int64),
             pts=pts,
             duration=durations,
@@ -256,7 +259,7 @@ class Decoder:
                 None = the size of the decoder.
 
         Returns:
-            (H, W, 3), uint8, or uint16 for a bit depth over 8.
+            (H, W, 3), uint8, or uint16 for a bit depth over 8; an array or a tensor, see `open`.
 
         Raises:
             CorruptError: The GOP, or one that it is predicted from, is damaged.
@@ -286,7 +289,7 @@ class Decoder:
             else:
                 self._maker.moments(gop, moments, pixels, part)
             start += len(moments)
-        return data
+        return self._maker.given(data)
 
     def rendered(self, seconds: Iterable[float | Fraction]) -> Iterator[tuple[int, Codes]]:
         """Yield number and picture for each time in `seconds`, with one batch in memory.
@@ -401,6 +404,7 @@ def open(
     threads: int = 0,
     device: str = "cpu",
     arrays: bool = False,
+    tensors: bool = False,
     limits: Limits | None = None,
     keep_going: bool = False,
 ) -> Decoder:
@@ -420,6 +424,8 @@ def open(
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU. A GPU renders to torch tensors in its memory.
         arrays: Copy the pictures of a GPU to NumPy arrays.
+        tensors: Also give the pictures of the CPU as torch tensors, without a copy; this alone
+            imports torch.
         limits: Limits on the content; None = the defaults, or those of the environment.
         keep_going: Also open a file that is cut short, and leave out damaged GOPs when iterating.
 
@@ -429,7 +435,7 @@ def open(
         CorruptError: The file is damaged.
         UnsupportedError: The file needs a feature that this version does not have, or is over
             `limits`.
-        UsageError: Size, bit depth, layers or device is invalid.
+        UsageError: Size, bit depth, layers or device is invalid, or arguments exclude each other.
         DeviceError: The requested GPU is not usable.
     """
     return Decoder(
@@ -440,6 +446,7 @@ def open(
         threads=threads,
         device=device,
         arrays=arrays,
+        tensors=tensors,
         limits=limits,
         keep_going=keep_going,
     )

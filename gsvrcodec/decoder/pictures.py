@@ -21,7 +21,7 @@ from gsvrcodec.model.passage import Passage
 from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time, time_at
-from gsvrcodec.render import Backend, Codes, Prepared, empty_frames
+from gsvrcodec.render import Backend, Codes, Prepared, as_tensors, empty_frames
 
 #: Width and height in pixels, where -1 keeps the aspect ratio and -2 also rounds to an even number;
 #: or a factor for both.
@@ -40,7 +40,7 @@ class PictureMaker:
     layers: Layers  #: which Gaussians to draw
     bit_depth: int  #: bits a sample, 8 to 16
     backend: Backend  #: the renderer
-    tensors: bool = False  #: pictures are torch tensors on the backend's GPU, not arrays
+    tensors: bool = False  #: pictures are torch tensors on the backend's device, not arrays
 
     def __post_init__(self) -> None:
         """Raise a UsageError for unknown layers or a bit depth out of range."""
@@ -59,6 +59,13 @@ class PictureMaker:
         """Return uninitialised pictures of `size`, shape (count, H, W, 3)."""
         place = self.backend.device if self.tensors else "cpu"
         return empty_frames(count, size, bit_depth=self.bit_depth, device=place)
+
+    def given(self, pictures: Codes) -> Codes:
+        """Return rendered pictures as they were asked for: arrays, or tensors in the same memory.
+
+        Tensors too are typed as arrays.
+        """
+        return as_tensors(pictures) if self.tensors else pictures
 
     def frames(
         self, gop: ReadyGop, inside: NDArray[np.int64], size: tuple[int, int], out: Codes

@@ -24,7 +24,7 @@ from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
-from gsvrcodec.encoder.output import Destination, open_output
+from gsvrcodec.encoder.output import Destination, checked_target, open_output
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
@@ -33,7 +33,7 @@ from gsvrcodec.encoder.structure import structure
 from gsvrcodec.encoder.verify import verify_file
 from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
-from gsvrcodec.files import check_output, fingerprint, is_stream
+from gsvrcodec.files import fingerprint, is_stream
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render.device import choose_device
@@ -44,7 +44,9 @@ from gsvrcodec.video import (
     Span,
     VideoInfo,
     VideoReader,
+    VideoSource,
     open_video,
+    path_of,
     read_extras,
     reading_options,
     rereadable,
@@ -59,24 +61,34 @@ _log = logging.getLogger(__name__)
 
 
 def encode(
-    src: str | os.PathLike[str],
-    dst: str | os.PathLike[str],
+    src: VideoSource,
+    dst: str | os.PathLike[str] | BinaryIO | None = None,
     *,
+    fps: float | Fraction | str | None = None,
     overwrite: bool = False,
     resume: bool = False,
     verify: bool = False,
     progress: Callable[[Progress], None] | None = None,
     **settings: Any,
 ) -> EncodeResult:
-    """Encode a video file as a .gsvr file.
+    """Encode a video file, or frames from memory, as a .gsvr file.
 
-    The source is read twice, frame by frame: to analyse its motion, and to fit it. `dst` appears
-    when it is whole; until then finished GOPs are kept in `dst` + ".part".
+    The source is read twice, frame by frame: to analyse its motion, and to fit it; what can be read
+    only once, and frames from memory, wait in a temporary file. A file `dst` appears when it is
+    whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
-        src: any video that FFmpeg reads, numbered pictures such as in_%04d.png, or "-" = the
-            standard input.
-        dst: path of the .gsvr file.
+        src: what to encode, one of
+            * any video that FFmpeg reads, by its path, as bytes or as a binary file object;
+              numbered pictures such as in_%04d.png; or "-" = the standard input;
+            * frames as a NumPy array or a torch tensor (F, H, W, 3) on any device, or as an
+              iterable of (H, W, 3): RGB, uint8, or floating-point numbers from 0 to 1, which are
+              rounded to 8 bits. They are fitted as they are, without a conversion to YCbCr;
+            * an input container of PyAV, over a file or a file object: its file, from the start.
+        dst: path of the .gsvr file, "-" = the standard output; a binary file object, which stays
+            open, is written when the file is whole, or GOP by GOP if it cannot seek; None = the
+            bytes are `data` of the result.
+        fps: frames a second, for frames from memory; a string may be a fraction, "30000/1001".
         overwrite: replace `dst` if it exists, and the checkpoint of an interrupted encode.
         resume: go on from the checkpoint of an interrupted encode, if there is one; the file will
             be the same as without interruption, unless there is a time budget.
@@ -86,7 +98,8 @@ def encode(
 
     Raises:
         DeviceError: the GPU that was asked for is not usable, or its memory does not suffice.
-        UsageError: settings contradict each other or do not fit the video.
+        UsageError: settings contradict each other or do not fit the video; frames from memory
+            have another shape, type or range, change in size, or come without `fps`.
         InputError: `src` cannot be read; NotAVideoError: it has no video.
         OutputError: `dst` cannot be written, or the checkpoint does not fit.
         WorkerError: a process died.
@@ -95,16 +108,17 @@ def encode(
     began = time.perf_counter()
     chosen = EncodeSettings(**settings)
     chosen = replace(chosen, device=choose_device(chosen.device))
-    check_output(dst, overwrite=overwrite, source=src)
-    source = fingerprint(src)
-    beside = Path(dst) if source and not is_stream(dst) else None
+    name = path_of(src)
+    target = checked_target(dst, overwrite=overwrite, source=name)
+    source = {} if name is None else fingerprint(name)
+    beside = target if source and isinstance(target, Path) and not is_stream(target) else None
     if resume and beside is None:
         raise UsageError(
             "`resume=True` needs an input that can be read again and an output on a disk"
         )
     begun_with = {"versions": versions(), **source, "settings": chosen.recorded()}
     with (
-        rereadable(src) as path,
+        rereadable(src, fps=fps, part=chosen.part) as path,
         open_video(path, **reading_options(asdict(chosen))) as video,
         Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
     ):
@@ -116,7 +130,7 @@ def encode(
         chains = structure(stats, size, chosen, seconds=duration)
         gops = [gop for chain in chains for gop in chain]
         if not gops:
-            raise NotAVideoError(f"{src} has no video frames")
+            raise NotAVideoError(f"{path} has no video frames")
 
         # Plan: what each GOP gets.
         extras = read_extras(path, chosen.copied_kinds, _span(shown, video.info.time_base, chosen))
@@ -137,7 +151,7 @@ def encode(
             _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
         )
         destination = Destination(
-            path=dst,
+            target=target,
             overwrite=overwrite,
             begin=begin,
             gops=gops,
@@ -162,7 +176,7 @@ def encode(
         _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
     count = gops[-1].stop
     return EncodeResult(
-        path=Path(dst),
+        path=target if isinstance(target, Path) else None,
         frames=count,
         gops=len(gops),
         key_gops=sum(gop.key for gop in gop_stats),
@@ -173,6 +187,7 @@ def encode(
         float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / count,
         seconds=time.perf_counter() - began,
         gop_stats=gop_stats,
+        data=target.getvalue() if dst is None and isinstance(target, io.BytesIO) else None,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +13,11 @@ from typing import BinaryIO, Protocol
 
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.files import gathered_output, is_stream, named
+from gsvrcodec.errors import UsageError
+from gsvrcodec.files import check_output, gathered_output, is_stream, named
+
+#: A path of a file, a pipe or a device, "-" = the standard output; or a binary file object.
+Target = Path | BinaryIO
 
 
 class Begin(Protocol):
@@ -26,7 +31,7 @@ class Begin(Protocol):
 class Destination:
     """Where a .gsvr file is to be written, and what to write."""
 
-    path: str | os.PathLike[str]  #: of a file, a pipe or a device; "-" = the standard output
+    target: Target
     overwrite: bool  #: whether to replace a file
     begin: Begin
     gops: Sequence[range]  #: frames of each GOP, in file order
@@ -44,6 +49,31 @@ class Output(Protocol):
         """Write all that is left; return the writer, closed."""
 
 
+def checked_target(
+    where: str | os.PathLike[str] | BinaryIO | None,
+    *,
+    overwrite: bool,
+    source: str | os.PathLike[str] | None,
+) -> Target:
+    """Return where to write if it may be written; None = a new file in memory.
+
+    Raises:
+        OutputError: As `gsvrcodec.files.check_output`.
+        UsageError: It is neither a path nor an open, writable binary file object.
+    """
+    if where is None:
+        return io.BytesIO()
+    if isinstance(where, str | os.PathLike):
+        return check_output(where, overwrite=overwrite, source=source)
+    if isinstance(where, io.TextIOBase) or not hasattr(where, "write"):
+        raise UsageError(
+            f"`dst` must be a path, a binary file object or None, not {type(where).__name__}"
+        )
+    if getattr(where, "closed", False) or not getattr(where, "writable", lambda: True)():
+        raise UsageError("the file object `dst` is closed or not open for writing")
+    return where
+
+
 @contextmanager
 def open_output(to: Destination) -> Iterator[Output]:
     """Yield the output for a destination; a file that is to be checked is written as a whole.
@@ -51,14 +81,19 @@ def open_output(to: Destination) -> Iterator[Output]:
     Raises:
         OutputError: It cannot be written; so do the methods of the output.
     """
-    if to.check is not None or not is_stream(to.path):
+    target = to.target
+    live = is_stream(target) if isinstance(target, Path) else not _seekable(target)
+    if to.check is not None or not live:
         yield _WholeOutput(to)
         return
     with ExitStack() as files:
-        with named(to.path):
-            file: BinaryIO = sys.stdout.buffer
-            if os.fspath(to.path) != "-":
-                file = files.enter_context(Path(to.path).open("wb"))
+        with named(target):
+            if not isinstance(target, Path):
+                file = target
+            elif os.fspath(target) == "-":
+                file = sys.stdout.buffer
+            else:
+                file = files.enter_context(target.open("wb"))
             output = _LiveOutput(to, to.begin(file, stream=True))
         yield output
 
@@ -74,7 +109,7 @@ class _WholeOutput:
 
     def finish(self) -> GsvrWriter:
         """Write the file."""
-        with gathered_output(self.to.path, overwrite=self.to.overwrite) as path:
+        with gathered_output(self.to.target, overwrite=self.to.overwrite) as path:
             with path.open("w+b") as file:
                 writer = self.to.begin(file, stream=False)
                 for gop in self.to.gops:
@@ -94,7 +129,7 @@ class _LiveOutput:
 
     def write_finished(self) -> None:
         """Write up to the first GOP that is not finished."""
-        with named(self.to.path):
+        with named(self.to.target):
             for gop in self.to.gops[len(self.writer.gops) :]:
                 if gop not in self.to.checkpoint:
                     break
@@ -103,6 +138,11 @@ class _LiveOutput:
     def finish(self) -> GsvrWriter:
         """Write the rest, the index and the end."""
         self.write_finished()
-        with named(self.to.path):
+        with named(self.to.target):
             self.writer.close()
         return self.writer
+
+
+def _seekable(file: BinaryIO) -> bool:
+    """Return whether a file object can seek; one that does not say so cannot."""
+    return bool(getattr(file, "seekable", lambda: False)())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import builtins
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ class GopStats:
 class EncodeResult:
     """What an encode came to."""
 
-    path: Path
+    path: Path | None  #: None = it went to memory or to a file object
     frames: int
     gops: int
     key_gops: int  #: of these, GOPs that need no other
@@ -50,7 +51,10 @@ class EncodeResult:
     float_psnr: float  #: dB, the same before quantisation
     seconds: float  #: wall time
     gop_stats: tuple[GopStats, ...]
+    data: builtins.bytes | None = field(default=None, repr=False)  #: the file, if it went to memory
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as JSON can hold it."""
-        return asdict(self) | {"path": str(self.path)}
+        """Return all of it but the file, as JSON can hold it."""
+        content = asdict(self)
+        del content["data"]
+        return content | {"path": None if self.path is None else str(self.path)}

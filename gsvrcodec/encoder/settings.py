@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args, get_type_hints
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.options import Deform, FitOptions, Flow, Profile
 from gsvrcodec.limits import Limits
+from gsvrcodec.video import Part
 
 Preset = Literal["fastest", "medium", "slow", "slowest"]
 Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
@@ -130,6 +131,11 @@ class EncodeSettings:
         """The kinds of streams to copy."""
         chosen = {"audio": self.audio, "subtitle": self.subtitles}
         return tuple(kind for kind, wanted in chosen.items() if wanted)
+
+    @property
+    def part(self) -> Part:
+        """The part of the film to encode; raises a UsageError if it is none."""
+        return Part(self.start_frame, self.frames, self.start_seconds, self.stop_seconds)
 
     @property
     def fit_options(self) -> FitOptions:

@@ -13,7 +13,16 @@ import numpy as np
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Codes, Prepared, Size
 
-__all__ = ["Backend", "Codes", "Prepared", "Size", "backend_on", "empty_frames", "render_frames"]
+__all__ = [
+    "Backend",
+    "Codes",
+    "Prepared",
+    "Size",
+    "as_tensors",
+    "backend_on",
+    "empty_frames",
+    "render_frames",
+]
 
 
 def backend_on(device: str, threads: int = 0) -> Backend:
@@ -97,3 +106,16 @@ def empty_frames(count: int, size: Size, *, bit_depth: int = 8, device: str = "c
     if bit_depth == 8:
         return np.empty(shape, np.uint8)
     return np.empty(shape, np.uint16)
+
+
+def as_tensors(frames: Codes) -> Codes:
+    """Return frames as a torch tensor that shares their memory, although its type does not say so.
+
+    A tensor is returned as it is.
+    """
+    if not isinstance(frames, np.ndarray):
+        return frames
+    import torch
+
+    tensor: Any = torch.from_numpy(frames)
+    return cast(Codes, tensor)

@@ -5,8 +5,8 @@ from gsvrcodec.video.extras import Extras, read_extras
 from gsvrcodec.video.output import OutputInfo
 from gsvrcodec.video.probe import VideoInfo, probe
 from gsvrcodec.video.read import Crop, SourceFrame, VideoReader, open_video, reading_options
-from gsvrcodec.video.spool import rereadable
-from gsvrcodec.video.timing import Span
+from gsvrcodec.video.spool import VideoSource, path_of, rereadable
+from gsvrcodec.video.timing import Part, Span
 from gsvrcodec.video.write import MUXERS, Writer, muxer_of, open_writer
 
 __all__ = [
@@ -14,15 +14,18 @@ __all__ = [
     "Crop",
     "Extras",
     "OutputInfo",
+    "Part",
     "Rgb",
     "SourceFrame",
     "Span",
     "VideoInfo",
     "VideoReader",
+    "VideoSource",
     "Writer",
     "muxer_of",
     "open_video",
     "open_writer",
+    "path_of",
     "probe",
     "read_extras",
     "reading_options",

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import isfinite
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,13 +17,9 @@ from gsvrcodec.video.colour import KNOWN_MATRICES, Rgb, to_rgb
 from gsvrcodec.video.deinterlace import deinterlaced
 from gsvrcodec.video.orientation import upright
 from gsvrcodec.video.probe import VideoInfo, decoded, opened, probe
-from gsvrcodec.video.timing import Part, Timeline
+from gsvrcodec.video.timing import Part, Timeline, frame_rate
 
 _log = logging.getLogger(__name__)
-
-#: Greatest frame rate, frames a second, and greatest denominator of a frame rate.
-_MAX_RATE = 1000
-_MAX_DENOMINATOR = 100_000
 
 #: A source is cut short if it ends this much before the duration of its container, seconds.
 _MISSING = Fraction(1, 4)
@@ -176,8 +171,8 @@ def open_video(
             arguments contradict each other.
     """
     part = Part(start_frame, frames, start_seconds, stop_seconds)
-    frame_rate = _frame_rate(rate)
-    info = probe(path, frame_rate)
+    asked_rate = None if rate is None else frame_rate(rate, "the rate")
+    info = probe(path, asked_rate)
     if info.frames is not None and start_frame >= info.frames:
         raise UsageError(f"frame {start_frame} is past the end: {path} has {info.frames} frames")
     if info.interlaced and not deinterlace:
@@ -193,7 +188,7 @@ def open_video(
     return VideoReader(
         info if crop is None else _cropped(info, crop),
         part,
-        rate=frame_rate,
+        rate=asked_rate,
         turned=turned,
         deinterlace=deinterlace and info.interlaced,
     )
@@ -215,15 +210,6 @@ _OPTIONS = (
 def reading_options(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of `open_video` among the settings of an encode."""
     return {name: settings[name] for name in _OPTIONS if name in settings}
-
-
-def _frame_rate(rate: float | Fraction | None) -> Fraction | None:
-    """Return a frame rate as a fraction that FFmpeg accepts; UsageError if out of range."""
-    if rate is None:
-        return None
-    if not (isfinite(rate) and 0 < rate <= _MAX_RATE):
-        raise UsageError(f"the rate must be over 0 and at most {_MAX_RATE}, not {rate}")
-    return Fraction(rate).limit_denominator(_MAX_DENOMINATOR)
 
 
 def _warnings(info: VideoInfo) -> Iterator[str]:

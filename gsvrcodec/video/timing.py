@@ -17,6 +17,29 @@ _TICK_TOLERANCE = Fraction(1, 10**6)
 #: Frame rate of a stream without one, frames a second.
 DEFAULT_RATE = Fraction(25)
 
+#: Greatest frame rate, frames a second, and greatest denominator of a frame rate.
+_MAX_RATE = 1000
+_MAX_DENOMINATOR = 100_000
+
+
+def frame_rate(rate: float | Fraction | str, name: str) -> Fraction:
+    """Return a frame rate as a fraction that FFmpeg accepts.
+
+    Args:
+        rate: Frames a second; a string may be a fraction such as "30000/1001".
+        name: What it is, for messages.
+
+    Raises:
+        UsageError: It is no number, or out of range.
+    """
+    try:
+        exact = Fraction(rate).limit_denominator(_MAX_DENOMINATOR)
+    except (ArithmeticError, TypeError, ValueError):  # no number, infinite, or NaN
+        exact = Fraction(0)
+    if not 0 < exact <= _MAX_RATE:
+        raise UsageError(f"{name} must be over 0 and at most {_MAX_RATE}, not {rate}")
+    return exact
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
