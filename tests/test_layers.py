@@ -53,6 +53,7 @@ ALLOWED: dict[str, set[str]] = {
             "native",
         ),
         *("render", "video", "fit", "decoder", "numpy", "cv2"),
+        *("imagecodecs", "distributed"),
     },
     "report": {
         *("errors", "limits", "metrics", "model", "bitstream", "video", "decoder"),
@@ -82,6 +83,8 @@ ONLY_IN = {
     ("decoder", "video"): {"export.py"},
     ("encoder", "cv2"): {"analysis.py"},
     ("encoder", "decoder"): {"verify.py"},
+    ("encoder", "imagecodecs"): {"packed.py"},
+    ("encoder", "distributed"): {"cluster.py"},
     ("report", "matplotlib"): {"plot.py"},
     ("fit", "torchvision"): {"flow.py"},
     ("cli", "encoder"): {"enc.py", "progress.py"},

@@ -9,12 +9,12 @@ from fractions import Fraction
 from statistics import fmean
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference
+from gsvrcodec.encoder.packed import PackedPictures, Pictures
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import CHAIN
@@ -28,9 +28,14 @@ class ChainFrames:
     """The frames of a chain, by GOP."""
 
     gops: Sequence[range]  #: numbers of the frames
-    pictures: list[NDArray[np.uint8]]  #: (F, H, W, 3) RGB of each; emptied as GOPs are taken
+    pictures: list[Pictures | PackedPictures]  #: (F, H, W, 3) RGB of each; emptied as they go
     pts: list[Ticks]  #: (F,) ticks of each
     durations: list[Ticks]  #: (F,) ticks of each
+
+    def take(self, number: int) -> Pictures:
+        """Return the pictures of a GOP, (F, H, W, 3), and let go of them."""
+        found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
+        return found.unpacked() if isinstance(found, PackedPictures) else found
 
 
 def chain_jobs(
@@ -65,9 +70,8 @@ def chain_jobs(
             ][number:]
             spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
             left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
-        pictures, chain.pictures[number] = chain.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
         job = GopJob(
-            frames=pictures,
+            frames=chain.take(number),
             pts=chain.pts[number],
             durations=chain.durations[number],
             first_frame=gop.start,
@@ -77,7 +81,6 @@ def chain_jobs(
             seconds=left,
             reference=state.reference,
         )
-        del pictures
         asked = time.perf_counter()
         result = yield job
         del job

@@ -8,6 +8,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, replace
 from fractions import Fraction
@@ -23,7 +24,8 @@ from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import all_jobs, missing_frames, processes_for
+from gsvrcodec.encoder.executors import check_executor, fit_on, workers_of
+from gsvrcodec.encoder.job_queue import all_tasks, missing_frames, processes_for
 from gsvrcodec.encoder.output import Destination, checked_target, open_output
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.progress import Meter, Progress
@@ -69,6 +71,7 @@ def encode(
     resume: bool = False,
     verify: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    executor: Executor | None = None,
     **settings: Any,
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
@@ -94,6 +97,11 @@ def encode(
             be the same as without interruption, unless there is a time budget.
         verify: read the source once more, and compare the file with it.
         progress: called before the first GOP and after each.
+        executor: any `concurrent.futures.Executor`, such as `gsvrcodec.Cluster`, whose workers fit
+            whole chains of GOPs; None = processes of this machine. It stays open. The bytes are
+            the same, on the same kind of machine. `workers` is then how many chains it does at
+            the same time, by default as many as it has workers; `threads` is of each chain, and
+            `device="auto"` is resolved by each worker.
         **settings: fields of `EncodeSettings`.
 
     Raises:
@@ -107,7 +115,10 @@ def encode(
     """
     began = time.perf_counter()
     chosen = EncodeSettings(**settings)
-    chosen = replace(chosen, device=choose_device(chosen.device))
+    if executor is None:
+        chosen = replace(chosen, device=choose_device(chosen.device))
+    else:
+        check_executor(executor)
     name = path_of(src)
     target = checked_target(dst, overwrite=overwrite, source=name)
     source = {} if name is None else fingerprint(name)
@@ -161,10 +172,16 @@ def encode(
         meter = Meter(gops, checkpoint, began, progress)
         meter.report()
         missing = [chain for chain in chains if missing_frames(chain, checkpoint)]
-        workers, threads = processes_for(missing, size, chosen)
-        jobs = all_jobs(video, chains, planned, chosen, checkpoint, workers, began)
+        todo = partial(all_tasks, video, chains, planned, chosen, checkpoint)
+        if executor is None:
+            workers, threads = processes_for(missing, size, chosen)
+            fit = fit_gops((task.jobs() for task in todo(workers, began)), workers, threads)
+        else:
+            workers = workers_of(executor, chosen.workers)
+            tasks = todo(workers, began, pack=True)
+            fit = fit_on(executor, tasks, chosen.workers, chosen.threads)
         with open_output(destination) as output:
-            with closing(fit_gops(jobs, workers, threads)) as fitted:
+            with closing(fit) as fitted:
                 for done in fitted:
                     gop = done.gop
                     figures = GopFigures(gop.psnr, gop.float_psnr, done.seconds, gop.qscale)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
 
 from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.chain import ChainFrames, chain_jobs
+from gsvrcodec.encoder.chain import ChainFrames
+from gsvrcodec.encoder.chain_task import ChainTask
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.packed import packed
 from gsvrcodec.encoder.rate import frame_visits
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
@@ -49,7 +50,7 @@ def finished_gops(chain: Chain, checkpoint: Checkpoint) -> int:
     return next((n for n, gop in enumerate(chain) if gop not in checkpoint), len(chain))
 
 
-def all_jobs(
+def all_tasks(
     video: VideoReader,
     chains: Sequence[Chain],
     budgets: Sequence[Budget],
@@ -57,8 +58,10 @@ def all_jobs(
     checkpoint: Checkpoint,
     workers: int,
     began: float,
-) -> Iterator[Generator[GopJob, EncodedGop, None]]:
-    """Yield the jobs of each chain with missing GOPs; its frames are read when it is asked for.
+    *,
+    pack: bool = False,
+) -> Iterator[ChainTask]:
+    """Yield each chain with missing GOPs; its frames are read when it is asked for.
 
     Args:
         video: the source.
@@ -68,6 +71,7 @@ def all_jobs(
         checkpoint: has the finished GOPs.
         workers: how many chains are fitted at the same time.
         began: `time.perf_counter()` at the start of the encode.
+        pack: pack the pictures of each GOP as soon as they are read.
 
     Raises:
         InputError: the video has become shorter.
@@ -87,12 +91,12 @@ def all_jobs(
             left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
             seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
         done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
-        pictures = _read(video.info, frames, chain, len(done))
-        yield chain_jobs(pictures, own, settings, done, seconds)
+        pictures = _read(video.info, frames, chain, len(done), pack=pack)
+        yield ChainTask(pictures, own, settings, done, seconds)
 
 
 def _read(
-    info: VideoInfo, source: Iterator[SourceFrame], chain: Chain, finished: int
+    info: VideoInfo, source: Iterator[SourceFrame], chain: Chain, finished: int, *, pack: bool
 ) -> ChainFrames:
     """Read the frames of a chain; the pictures of finished GOPs are skipped."""
     read = ChainFrames(chain, [], [], [])
@@ -107,7 +111,7 @@ def _read(
                 pictures[found - 1] = frame.rgb
         if found < len(gop):
             raise InputError(f"{info.path} became shorter while it was read")
-        read.pictures.append(pictures)
+        read.pictures.append(packed(pictures) if pack else pictures)
         read.pts.append(times[0])
         read.durations.append(times[1])
     return read

@@ -11,30 +11,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from gsvrcodec.encoder.chain_task import ChainJobs, FittedGop, one_by_one
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob, encode_gop
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
-
-#: Jobs of a chain: sent the result of one, it yields the next.
-ChainJobs = Generator[GopJob, EncodedGop, None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedGop:
-    """A finished job and how long it took."""
-
-    frames: range  #: numbers of its frames
-    gop: EncodedGop
-    seconds: float  #: wall time
 
 
 def fit_gops(
@@ -57,7 +46,7 @@ def fit_gops(
     """
     if workers == 1:
         for chain in chains:
-            yield from _one_by_one(chain, encode_gop, threads)
+            yield from one_by_one(chain, encode_gop, threads)
         return
     with ExitStack() as stack:
         # Unwound from below: workers die first, which ends the threads that wait for them.
@@ -72,7 +61,7 @@ def fit_gops(
         def fit(chain: ChainJobs) -> None:
             worker, share = idle.get()
             try:
-                for done in _one_by_one(chain, worker, share):
+                for done in one_by_one(chain, worker, share):
                     finished.put(done)
                 finished.put(None)
             except BaseException as error:
@@ -101,19 +90,6 @@ def _next(
         return 1
     yield done
     return 0
-
-
-def _one_by_one(
-    chain: ChainJobs, encode: Callable[[GopJob], EncodedGop], threads: int
-) -> Iterator[FittedGop]:
-    """Encode the GOPs of a chain, one after another."""
-    job = next(chain, None)
-    while job is not None:
-        done = _fitted(encode, job, threads)
-        job = None  # its frames are not needed any more
-        yield done
-        with suppress(StopIteration):
-            job = chain.send(done.gop)
 
 
 def processes(
@@ -157,13 +133,6 @@ def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
         out.append(free[0])
         heapq.heapreplace(free, free[0] + length)
     return out, max(free)
-
-
-def _fitted(encode: Callable[[GopJob], EncodedGop], job: GopJob, threads: int) -> FittedGop:
-    began = time.perf_counter()
-    gop = encode(replace(job, settings=replace(job.settings, threads=threads)))
-    frames = range(job.first_frame, job.first_frame + len(job.frames))
-    return FittedGop(frames, gop, time.perf_counter() - began)
 
 
 class _Worker:

@@ -116,7 +116,7 @@ class TestJobs:
         jobs = chain_jobs(frames, [BUDGET] * 4, EncodeSettings(), [], None)
         next(jobs)
         jobs.send(RESULTS[0])
-        assert [pictures.size > 0 for pictures in frames.pictures] == [False, False, True, True]
+        assert [len(pictures) > 0 for pictures in frames.pictures] == [False, False, True, True]
 
 
 class TestBytes:

@@ -10,7 +10,7 @@ import pytest
 
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import all_jobs, finished_gops, missing_frames, processes_for
+from gsvrcodec.encoder.job_queue import all_tasks, finished_gops, missing_frames, processes_for
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
 from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.encoder.settings import EncodeSettings
@@ -69,13 +69,13 @@ def jobs(
             for chain, results in zip(chains, RESULTS, strict=True)
             if missing_frames(chain, checkpoint)
         ]
-        queue = all_jobs(video, chains, BUDGETS, chosen, checkpoint, workers, began)
-        for chain_jobs, results in zip(queue, answers, strict=True):
-            found += driven(chain_jobs, results)
+        queue = all_tasks(video, chains, BUDGETS, chosen, checkpoint, workers, began)
+        for task, results in zip(queue, answers, strict=True):
+            found += driven(task.jobs(), results)
     return found
 
 
-class TestAllJobs:
+class TestAllTasks:
     def test_each_has_its_frames_and_times(self, film: Path) -> None:
         found = jobs(film)
         assert [job.budget for job in found] == BUDGETS
@@ -132,9 +132,9 @@ class TestAllJobs:
     def test_frames_are_read_when_a_chain_is_asked_for(self, film: Path) -> None:
         with open_video(film) as video, holding() as checkpoint:
             longer = [*CHAINS[:2], [range(10, 15)]]
-            queue = all_jobs(video, longer, BUDGETS, EncodeSettings(), checkpoint, 1, 0.0)
-            assert next(next(queue)).first_frame == 0
-            assert next(next(queue)).first_frame == 4
+            queue = all_tasks(video, longer, BUDGETS, EncodeSettings(), checkpoint, 1, 0.0)
+            assert next(next(queue).jobs()).first_frame == 0
+            assert next(next(queue).jobs()).first_frame == 4
             with pytest.raises(InputError, match="became shorter while it was read"):
                 next(queue)
 
