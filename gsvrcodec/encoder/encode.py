@@ -108,7 +108,8 @@ def encode(
         DeviceError: the GPU that was asked for is not usable, or its memory does not suffice.
         UsageError: settings contradict each other or do not fit the video; frames from memory
             have another shape, type or range, change in size, or come without `fps`.
-        InputError: `src` cannot be read; NotAVideoError: it has no video.
+        InputError: `src` cannot be read.
+        NotAVideoError: `src` has no video, or there are no frames.
         OutputError: `dst` cannot be written, or the checkpoint does not fit.
         WorkerError: a process died.
         VerificationError: the file does not decode to the source.

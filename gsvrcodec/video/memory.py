@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import av
 import numpy as np
+from av.container import OutputContainer
 from av.video.reformatter import ColorRange
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ from gsvrcodec.video.timing import Part
 def write_frames(frames: Iterable[Any], rate: Fraction, part: Part, path: Path) -> None:
     """Write frames up to the end of a part as FFV1 in AVI: their RGB, a tick a frame.
 
-    AVI is the one container that keeps a time base of 1/rate.
+    AVI keeps a time base of 1/rate, which Matroska and NUT do not.
 
     Args:
         frames: As of `rgb_frames`.
@@ -35,7 +37,7 @@ def write_frames(frames: Iterable[Any], rate: Fraction, part: Part, path: Path) 
         UsageError: A frame cannot be encoded, or is not as large as those before.
     """
     tick, given, number = 1 / rate, 0, -1
-    with av.open(f"file:{path}", "w", format="avi") as container:
+    with _container(path) as container:
         stream = container.add_stream("ffv1", rate=rate, options={"level": "3", "slicecrc": "1"})
         for number, rgb in enumerate(rgb_frames(frames)):
             if number == 0:
@@ -47,16 +49,40 @@ def write_frames(frames: Iterable[Any], rate: Fraction, part: Part, path: Path) 
             frame.color_range = ColorRange.JPEG
             frame = frame.reformat(format="bgr0")
             frame.pts, frame.time_base = number, tick
-            with spooling():
+            with _written(rgb):
                 container.mux(stream.encode(frame))
             given += part.starts(number, number, tick)
             if part.ends(given, number + 1, tick):
                 break
         if number < 0:
             raise NotAVideoError("there are no frames to encode")
-        with spooling():
+        with _written(rgb):
             container.mux(stream.encode(None))
+
+
+@contextmanager
+def _container(path: Path) -> Iterator[OutputContainer]:
+    """Open a file for writing, and close it after the block; what fails is an `OutputError`."""
+    with spooling():
+        container = av.open(f"file:{path}", "w", format="avi")
+    try:
+        yield container
+    finally:
+        with spooling():
             container.close()
+
+
+@contextmanager
+def _written(rgb: Rgb) -> Iterator[None]:
+    """Turn an error of FFmpeg in the block, which writes a picture, into one of ours."""
+    try:
+        with spooling():
+            yield
+    except av.FFmpegError as error:
+        height, width, _ = rgb.shape
+        raise UsageError(
+            f"frames of {width}x{height} cannot be encoded: {error.strerror}"
+        ) from error
 
 
 def rgb_frames(frames: Iterable[Any]) -> Iterator[Rgb]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import os
+import resource
 import threading
 from collections.abc import Iterator
 from fractions import Fraction
@@ -213,6 +214,7 @@ class TestRefused:
             ([FRAMES[0], FRAMES[1, :40]], "frame 1 is 64x40, the ones before are 64x48"),
             ([FRAMES[0] / 255, FRAMES[1] / 254], "frame 1 has values outside of 0 to 1"),
             (np.full((1, 8, 8, 3), np.nan), "or NaN"),
+            (np.zeros((1, 70000, 1, 3), np.uint8), "frames of 1x70000 cannot be encoded"),
             (17, "not int"),
             (io.StringIO("a"), "must be binary"),
         ],
@@ -280,3 +282,16 @@ class TestRefused:
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
         with pytest.raises(OutputError, match="TMPDIR"):
             quick(FRAMES, fps=25)
+
+    @pytest.mark.parametrize("count", [1, 20])
+    def test_a_full_disk(self, count: int) -> None:
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        noise = np.random.default_rng(0).integers(0, 256, (count, 240, 320, 3), np.uint8)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+        try:
+            with pytest.raises(
+                OutputError, match=r"cannot be copied to .*: file too large; TMPDIR"
+            ):
+                quick(noise, fps=25)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
