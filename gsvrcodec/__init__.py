@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from gsvrcodec.decoder.decoder import Decoder, open
     from gsvrcodec.decoder.export import decode
     from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
+    from gsvrcodec.encoder.cluster import Cluster
     from gsvrcodec.encoder.encode import encode
     from gsvrcodec.limits import Limits
 
 __all__ = [
+    "Cluster",
     "Decoder",
     "Frame",
     "FrameBatch",
@@ -41,6 +43,7 @@ __version__ = "0.1.0"
 
 #: Module of each public name.
 _HOMES = {
+    "Cluster": "gsvrcodec.encoder.cluster",
     "Decoder": "gsvrcodec.decoder.decoder",
     "Frame": "gsvrcodec.decoder.frames",
     "FrameBatch": "gsvrcodec.decoder.frames",
