@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from gsvrcodec.decoder.decoder import Decoder, open
     from gsvrcodec.decoder.export import decode
     from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
+    from gsvrcodec.encoder.cluster import Cluster
     from gsvrcodec.encoder.encode import encode
     from gsvrcodec.limits import Limits
 
 __all__ = [
     "ClipDataset",
+    "Cluster",
     "Decoder",
     "Frame",
     "FrameBatch",
@@ -44,6 +46,7 @@ __version__ = "0.1.0"
 #: Module of each public name.
 _HOMES = {
     "ClipDataset": "gsvrcodec.dataset",
+    "Cluster": "gsvrcodec.encoder.cluster",
     "Decoder": "gsvrcodec.decoder.decoder",
     "Frame": "gsvrcodec.decoder.frames",
     "FrameBatch": "gsvrcodec.decoder.frames",

@@ -29,6 +29,10 @@ class WorkerError(GsvrError, RuntimeError):
     """A worker process of the encoder died."""
 
 
+class ClusterError(GsvrError, ConnectionError):
+    """A cluster cannot be reached, was lost, or its workers do not fit this version."""
+
+
 class DeviceError(GsvrError, RuntimeError):
     """The requested GPU is not usable, or its memory does not suffice."""
 

@@ -53,7 +53,7 @@ ALLOWED: dict[str, set[str]] = {
             "native",
         ),
         *("render", "video", "fit", "decoder", "numpy", "cv2"),
-        *("imagecodecs", "distributed"),
+        *("imagecodecs", "dask", "distributed"),
     },
     "report": {
         *("errors", "limits", "metrics", "model", "bitstream", "video", "decoder"),
@@ -84,6 +84,7 @@ ONLY_IN = {
     ("encoder", "cv2"): {"analysis.py"},
     ("encoder", "decoder"): {"verify.py"},
     ("encoder", "imagecodecs"): {"packed.py"},
+    ("encoder", "dask"): {"cluster.py"},
     ("encoder", "distributed"): {"cluster.py"},
     ("report", "matplotlib"): {"plot.py"},
     ("fit", "torchvision"): {"flow.py"},

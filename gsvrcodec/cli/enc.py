@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, get_args
 
@@ -31,7 +32,7 @@ _GROUPS = {
     "Size and quality (at most one)": (
         *("crf", "params", "gaussians", "bpp", "bitrate", "target_size", "target_psnr"),
     ),
-    "Effort": ("preset", "time_budget", "workers", "threads", "device"),
+    "Effort": ("preset", "time_budget", "workers", "threads", "device", "cluster"),
     "Input": ("rate", "bake_rotation", "deinterlace"),
     "Part of the film": ("crop", "start_frame", "frames", "start_seconds", "stop_seconds"),
     "Sound and subtitles": ("audio", "subtitles"),
@@ -111,6 +112,12 @@ def main(args: Sequence[str] | None = None) -> int:
 )
 @threads_option
 @device_option
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Fit on the workers of a Dask cluster: tcp://host:8786, a scheduler file NAME.json, or "
+    "auto = the address in DASK_SCHEDULER_ADDRESS. Does not change the file.",
+)
 @click.option(
     "--crop",
     type=crop,
@@ -259,6 +266,7 @@ def command(
     stats: str | None,
     progress: str,
     quiet: bool,
+    cluster: str | None,
     **settings: Any,
 ) -> None:
     """Encode a video as a .gsvr file.
@@ -274,6 +282,7 @@ def command(
     ffmpeg -i in.mp4 -f yuv4mpegpipe - | gsvrenc - out.gsvr
     gsvrenc --params 3M --time-budget 2 --crop 1280:640 in.mp4 out.gsvr
     gsvrenc --resume --progress json in.mp4 out.gsvr | jq .psnr
+    gsvrenc --cluster tcp://scheduler:8786 in.mp4 out.gsvr
     """
     from gsvrcodec.files import check_input, check_output
     from gsvrcodec.video.read import open_video, reading_options
@@ -297,10 +306,12 @@ def command(
         open_video(source, **reading_options(settings)).close()
 
     from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
+    from gsvrcodec.encoder.cluster import Cluster
     from gsvrcodec.encoder.encode import encode
 
     as_json = EncodeJson() if progress == "json" else None
-    with as_json or EncodeDisplay(quiet=quiet or progress == "none") as display:
+    shown = as_json or EncodeDisplay(quiet=quiet or progress == "none")
+    with nullcontext() if cluster is None else Cluster(cluster) as executor, shown as display:
         result = encode(
             source,
             target,
@@ -308,6 +319,7 @@ def command(
             resume=resume,
             verify=verify,
             progress=display,
+            executor=executor,
             **settings,
         )
     if stats is not None:

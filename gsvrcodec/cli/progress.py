@@ -61,11 +61,13 @@ class _Display:
 
 
 class EncodeDisplay(_Display):
-    """GOPs done, PSNR, seconds a frame and remaining time, after every GOP."""
+    """GOPs and chains done, PSNR, seconds a frame and remaining time, after every GOP."""
 
     def __call__(self, state: Progress) -> None:
         """Show the state of an encode."""
         parts = [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
+        if state.workers > 1:
+            parts.append(f"{state.chains_done}/{state.chains} chains, {state.workers} workers")
         if state.psnr is not None:
             parts.append(f"{state.psnr:.2f} dB")
         if state.seconds_per_frame is not None:

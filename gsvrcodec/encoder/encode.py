@@ -112,6 +112,7 @@ def encode(
         NotAVideoError: `src` has no video, or there are no frames.
         OutputError: `dst` cannot be written, or the checkpoint does not fit.
         WorkerError: a process died.
+        ClusterError: the cluster of the `executor` was lost.
         VerificationError: the file does not decode to the source.
     """
     began = time.perf_counter()
@@ -170,17 +171,18 @@ def encode(
             checkpoint=checkpoint,
             check=check if verify else None,
         )
-        meter = Meter(gops, checkpoint, began, progress)
-        meter.report()
         missing = [chain for chain in chains if missing_frames(chain, checkpoint)]
         todo = partial(all_tasks, video, chains, planned, chosen, checkpoint)
         if executor is None:
             workers, threads = processes_for(missing, size, chosen)
+            at_once: Callable[[], int] = partial(int, workers)
             fit = fit_gops((task.jobs() for task in todo(workers, began)), workers, threads)
         else:
-            workers = workers_of(executor, chosen.workers)
-            tasks = todo(workers, began, pack=True)
+            at_once = partial(workers_of, executor, chosen.workers)
+            tasks = todo(at_once(), began, pack=True)
             fit = fit_on(executor, tasks, chosen.workers, chosen.threads)
+        meter = Meter(gops, checkpoint, began, progress, chains=chains, workers=at_once)
+        meter.report()
         with open_output(destination) as output:
             with closing(fit) as fitted:
                 for done in fitted:

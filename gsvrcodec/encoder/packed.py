@@ -1,9 +1,9 @@
 """Pictures packed without loss while they wait or travel.
 
-JPEG XL at effort 1 takes 3 to 5 ms to pack and 20 ms to unpack a picture of 1280x720 on one core, at
-a ratio of 2.6 (a football player), 4.2 (Bunny), 4.8 (a flower) and 5.7 (a macro). FFV1, x264 without
-loss, QOI, JPEG-LS, PNG and Zstandard of differences take two to twenty times as long to pack; the
-last is much smaller where the camera is locked, 8.9, and not elsewhere (`python -m
+JPEG XL at effort 1 takes 3 to 5 ms to pack and 20 ms to unpack a picture of 1280x720 on one core,
+at a ratio of 2.6 (a football player), 4.2 (Bunny), 4.8 (a flower) and 5.7 (a macro). FFV1, x264
+without loss, QOI, JPEG-LS, PNG and Zstandard of differences take two to twenty times as long to
+pack; the last is much smaller where the camera is locked, 8.9, and not elsewhere (`python -m
 tests.benchmarks.packing`).
 """
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.slicing import Chain
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +21,9 @@ class Progress:
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go
+    chains_done: int = 0  #: chains of GOPs of which all are done
+    chains: int = 0  #: in all
+    workers: int = 1  #: chains that can be fitted at the same time, now
 
 
 class Meter:
@@ -30,6 +34,8 @@ class Meter:
         checkpoint: keeps those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
+        chains: of the GOPs; None = not told.
+        workers: tells how many chains can be fitted at the same time now.
     """
 
     def __init__(
@@ -38,9 +44,13 @@ class Meter:
         checkpoint: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
+        *,
+        chains: Sequence[Chain] = (),
+        workers: Callable[[], int] = lambda: 1,
     ) -> None:
         self._gops, self._checkpoint = gops, checkpoint
         self._began, self._progress = began, progress
+        self._chains, self._workers = chains, workers
         self._resumed = sum(map(len, self._done()))
 
     def report(self) -> None:
@@ -62,6 +72,11 @@ class Meter:
                 psnr=total / frames_done if done else None,
                 seconds_per_frame=pace,
                 eta_seconds=None if pace is None else pace * (frames - frames_done),
+                chains_done=sum(
+                    all(gop in self._checkpoint for gop in chain) for chain in self._chains
+                ),
+                chains=len(self._chains),
+                workers=self._workers(),
             )
         )
 

@@ -228,9 +228,13 @@ def _answer(job: GopJob) -> bytes:
     try:
         return pickle.dumps(encode_gop(job), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
-        try:
-            answer = pickle.dumps(error)
-            pickle.loads(answer)
-        except Exception:
-            return pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
-        return answer
+        return pickle.dumps(sendable(error))
+
+
+def sendable(error: Exception) -> Exception:
+    """Return an error as it is if it can be pickled, or else what it says."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error

@@ -42,7 +42,7 @@ def differences(level: int) -> Codec:
         change[..., 0] -= change[..., 1]
         change[..., 2] -= change[..., 1]
         planes = np.ascontiguousarray(np.moveaxis(change, -1, 1))
-        return [imagecodecs.zstd_encode(planes.tobytes(), level=level)]
+        return [bytes(imagecodecs.zstd_encode(planes.tobytes(), level=level))]
 
     def unpack(data: list[bytes], like: Rgb) -> Rgb:
         frames, height, width, _ = like.shape
@@ -71,7 +71,7 @@ def video(name: str, pixels: str, options: dict[str, str]) -> Codec:
         return [file.getvalue()]
 
     def unpack(data: list[bytes], _: Rgb) -> Rgb:
-        with av.open(io.BytesIO(data[0])) as container:
+        with av.open(io.BytesIO(data[0]), "r") as container:
             container.streams.video[0].thread_count = 1
             frames = container.decode(video=0)
             return np.stack([frame.to_ndarray(format="rgb24") for frame in frames])

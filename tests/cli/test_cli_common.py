@@ -289,9 +289,15 @@ class TestProgress:
             "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
         ]
 
+    def test_many_workers(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay() as display:
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("GOP 2/6  48/132 frames  1/3 chains, 2 workers  36.21 dB")
+
     def test_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeJson() as display:
-            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9))
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2))
             display.done({"path": "a.gsvr"})
         first, second = map(json.loads, capsys.readouterr().out.splitlines())
         assert first == {
@@ -303,6 +309,9 @@ class TestProgress:
             "psnr": 36.208,
             "seconds_per_frame": 1.07,
             "eta_seconds": 89.9,
+            "chains_done": 1,
+            "chains": 3,
+            "workers": 2,
         }
         assert second == {"event": "done", "path": "a.gsvr"}
 

@@ -34,6 +34,7 @@ def test_options_are_the_settings() -> None:
         *("source", "target", "overwrite", "resume", "verify", "stats"),
         "progress",
         "quiet",
+        "cluster",
     ):
         del chosen[name]
     assert EncodeSettings(**chosen) == EncodeSettings()

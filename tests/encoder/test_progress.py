@@ -20,7 +20,8 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("time.perf_counter", lambda: now)
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         checkpoint.add(GOPS[0], figures(30.0), b"")
-        meter = Meter(GOPS, checkpoint, 90.0, calls.append)
+        chains = [GOPS[:2], GOPS[2:]]
+        meter = Meter(GOPS, checkpoint, 90.0, calls.append, chains=chains, workers=lambda: 3)
         meter.report()
         checkpoint.add(GOPS[2], figures(36.0), b"")
         meter.report()
@@ -28,6 +29,8 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
         checkpoint.add(GOPS[1], figures(33.0), b"")
         meter.report()
     assert [call.gop for call in calls] == [1, 2, 3]
+    assert [call.chains_done for call in calls] == [0, 1, 2]
+    assert {(call.chains, call.workers) for call in calls} == {(2, 3)}
     assert {(call.gops, call.frames) for call in calls} == {(3, 12)}
     assert [call.frames_done for call in calls] == [4, 6, 12]
     assert [call.psnr for call in calls] == [30.0, 32.0, 32.5]

@@ -1,0 +1,257 @@
+"""Executors and a cluster on this machine: `python -m tests.benchmarks.cluster WHAT`.
+
+* same: local workers, Python's executor, loky (if installed) and Dask, with 2 workers each, give
+  the same bytes; wall time of each, median of --runs, workers started anew for each run.
+* killed: three workers, one of which is killed with -9 half-way.
+* lost: the scheduler is killed half-way; the encode is resumed.
+* memory: most memory of client and scheduler while a film of 1280x720 goes to three workers. They
+  unpack its frames and do not fit them: each GOP is that of one Gaussian.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import multiprocessing
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import gsvrcodec
+from gsvrcodec.encoder.encode import Progress
+from gsvrcodec.errors import ClusterError
+from gsvrcodec.video import open_video, open_writer
+from tests import making
+from tests.benchmarks.machine import machine
+from tests.encoder.clusters import Machines, machines
+
+#: Ten chains of 20 frames, of two GOPs each.
+SETTINGS: dict[str, Any] = {
+    **{"preset": "fastest", "keyint": 0.8, "gop": 10, "overwrite": True},
+}
+
+
+def film(path: Path, frames: int, size: tuple[int, int]) -> Path:
+    """Bunny's frames, again and again, in so many pixels of the middle."""
+    with open_video(making.BUNNY, (*size, None, None)) as video:
+        shots = [shot.rgb for shot in islice(video, 100)]
+    info = making.output_info(shots)
+    with open_writer(path, info) as writer:
+        for number, rgb in enumerate(islice(cycle([*shots, *shots[::-1]]), frames)):
+            writer.write(rgb, number, 1)
+    return path
+
+
+def joined(found: gsvrcodec.Cluster, count: int) -> gsvrcodec.Cluster:
+    """Wait until so many workers have joined."""
+    while found.workers < count:
+        time.sleep(0.1)
+    return found
+
+
+def md5(path: Path) -> str:
+    """What tells files apart."""
+    return hashlib.md5(path.read_bytes()).hexdigest()
+
+
+def timed(source: Path, target: Path, executor: Executor | None, **more: Any) -> float:
+    """Encode, and return the wall time."""
+    began = time.perf_counter()
+    gsvrcodec.encode(source, target, executor=executor, **(SETTINGS | more))
+    return time.perf_counter() - began
+
+
+def same(directory: Path, source: Path, runs: int) -> None:
+    """Compare executors in bytes and wall time."""
+    target = directory / "a.gsvr"
+    timed(source, target, None, workers=1)
+    expected = md5(target)
+    print(f"--workers 1: {expected}")
+
+    @contextmanager
+    def dask() -> Iterator[Executor]:
+        with machines(2) as two, gsvrcodec.Cluster(two.address) as found:
+            yield joined(found, 2)
+
+    spawn = multiprocessing.get_context("spawn")
+    kinds: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
+        "local": lambda: nullcontext(),
+        "ProcessPoolExecutor": lambda: ProcessPoolExecutor(2, mp_context=spawn),
+        "Dask": dask,
+    }
+    try:
+        import loky
+
+        kinds["loky"] = lambda: loky.ProcessPoolExecutor(2)
+    except ImportError:
+        print("loky is not installed")
+    times: dict[str, list[float]] = {name: [] for name in kinds}
+    for _ in range(runs):
+        for name, kind in kinds.items():
+            with kind() as executor:
+                # Local workers are started anew by every encode, so all others are too.
+                times[name].append(timed(source, target, executor, workers=2))
+            assert md5(target) == expected, name
+    base = statistics.median(times["local"])
+    for name, found in times.items():
+        middle = statistics.median(found)
+        each = " ".join(f"{one:.1f}" for one in found)
+        print(f"{name:20} {middle:6.1f} s ({middle / base - 1:+.0%}), same bytes; {each}")
+
+
+def half_way(action: Callable[[], None]) -> Callable[[Progress], None]:
+    """Do something once, when half of the GOPs are done."""
+    once = iter([action])
+
+    def called(state: Progress) -> None:
+        if 2 * state.gop >= state.gops:
+            for do in once:
+                do()
+
+    return called
+
+
+def killed(directory: Path, source: Path) -> None:
+    """Kill a worker half-way."""
+    target = directory / "a.gsvr"
+    timed(source, target, None, workers=1)
+    expected = md5(target)
+    with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
+        joined(found, 3)
+        seconds = timed(source, target, found, progress=half_way(three.workers[1].kill))
+        print(f"a worker killed: {seconds:.1f} s, same bytes: {md5(target) == expected}")
+
+
+def lost(directory: Path, source: Path) -> None:
+    """Kill the scheduler half-way, and resume."""
+    target = directory / "a.gsvr"
+    timed(source, target, None, workers=1)
+    expected = md5(target)
+    target.unlink()
+    with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
+        joined(found, 3)
+        began = time.perf_counter()
+        try:
+            timed(source, target, found, progress=half_way(three.scheduler.kill))
+        except ClusterError as error:
+            print(f"{time.perf_counter() - began:.1f} s: {error}; {error.__notes__[0]}")
+    timed(source, target, None, workers=1, resume=True)
+    print(f"resumed, same bytes: {md5(target) == expected}")
+
+
+def memory(directory: Path, frames: int) -> None:
+    """Send frames of 1280x720 and let workers unpack them."""
+    from gsvrcodec.encoder import cluster
+
+    source = film(directory / "large.mkv", frames, (1280, 720))
+    unpacking = eval(UNPACKING, {"__name__": "nowhere"})  # sent by value
+    cluster._encoded = unpacking
+    with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
+        joined(found, 3)
+        with Memory(three) as watched:
+            began = time.perf_counter()
+            gsvrcodec.encode(
+                source, directory / "a.gsvr", executor=found, overwrite=True, preset="fastest"
+            )
+            seconds = time.perf_counter() - began
+    print(f"{frames} frames of 1280x720 in {seconds:.0f} s; most memory:")
+    for name, most in watched.most.items():
+        print(f"  {name:10} {most / 1e6:6.0f} MB, {watched.before[name] / 1e6:.0f} MB at first")
+
+
+#: A worker's work: it unpacks all frames, and packs one black Gaussian for each GOP.
+UNPACKING = """lambda data, threads: __import__(
+    "tests.benchmarks.cluster", fromlist=["unpacked"]).unpacked(data)"""
+
+
+def unpacked(data: bytes) -> Any:
+    """Unpack the frames of a pickled chain, and return GOPs of one Gaussian."""
+    import pickle
+
+    from gsvrcodec.bitstream.gop_payload import pack_gop
+    from gsvrcodec.encoder.chain_task import ChainTask, FittedGop
+    from gsvrcodec.encoder.jobs import EncodedGop
+    from gsvrcodec.model.attributes import ATTRIBUTES
+
+    task: ChainTask = pickle.loads(data)
+    bits = dict.fromkeys((attribute.name for attribute in ATTRIBUTES), 8)
+    found = []
+    for number, gop in enumerate(task.frames.gops):
+        pictures = task.frames.take(number)
+        assert len(pictures) == len(gop)
+        assert pictures.any()
+        one = making.random_gop(np.random.default_rng(0), 1)
+        times = task.frames.pts[number], task.frames.durations[number]
+        payload = pack_gop(one, *times, gop.start, bits)
+        found.append(FittedGop(gop, EncodedGop(payload, 30.0, 30.0, 1.0), 1.0))
+    return found
+
+
+class Memory:
+    """Watches the resident memory of this process, the scheduler and a worker."""
+
+    def __init__(self, machines: Machines) -> None:
+        self._pids = {
+            "client": "self",
+            "scheduler": str(machines.scheduler.pid),
+            "worker": str(machines.workers[0].pid),
+        }
+        self.before = self._now()
+        self.most = dict(self.before)
+        self._over = threading.Event()
+
+    def _now(self) -> dict[str, int]:
+        found = {}
+        for name, pid in self._pids.items():
+            found[name] = 4096 * int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        return found
+
+    def __enter__(self) -> Memory:
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+        return self
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.05):
+            for name, now in self._now().items():
+                self.most[name] = max(self.most[name], now)
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["same", "killed", "lost", "memory"]))
+@click.option("--runs", default=3, show_default=True, type=click.IntRange(min=1))
+@click.option("--frames", default=2000, show_default=True, help="Of the film for memory.")
+def main(what: str, runs: int, frames: int) -> None:
+    """Measure executors and clusters."""
+    print(machine())
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name)
+        if what == "memory":
+            memory(directory, frames)
+            return
+        source = film(directory / "small.mkv", 200, (160, 96))
+        functions: dict[str, Any] = {
+            "same": functools.partial(same, runs=runs),
+            "killed": killed,
+            "lost": lost,
+        }
+        functions[what](directory, source)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,206 @@
+"""Encodes on a real cluster on the loopback: the same bytes, and clear ends whatever dies."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import gsvrcodec
+from gsvrcodec.encoder import cluster
+from gsvrcodec.encoder.progress import Progress
+from gsvrcodec.errors import ClusterError, UsageError, WorkerError
+from gsvrcodec.versions import versions
+from tests import making
+from tests.cli.tools import start
+from tests.encoder.clusters import Machines, machines
+
+pytest.importorskip("distributed", reason="needs gsvrcodec[cluster]")
+# Dask's clients leave their event loops and sockets to the garbage collector.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+
+#: Seven chains of one or two GOPs.
+SETTINGS: dict[str, Any] = {
+    **{"gop": 2, "keyint": 0.2, "frames": 20, "preset": "fastest"},
+    **{"gaussians": 40, "pack": "deflate"},
+}
+OPTIONS = (
+    *("--gop", "2", "--keyint", "0.2", "--frames", "20", "--preset", "fastest"),
+    *("--gaussians", "40", "--pack", "deflate"),
+)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The file of an encode without cluster."""
+    target = tmp_path_factory.mktemp("whole") / "a.gsvr"
+    gsvrcodec.encode(making.NOISE, target, workers=1, **SETTINGS)
+    return target.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def four() -> Iterator[Machines]:
+    """A cluster of four workers; one test after another takes some of it away."""
+    with machines(4) as found:
+        yield found
+
+
+def joined(found: gsvrcodec.Cluster, count: int) -> None:
+    """Wait until so many workers have joined."""
+    late = time.monotonic() + 20
+    while found.workers < count:
+        assert time.monotonic() < late
+        time.sleep(0.05)
+
+
+class TestWhatDies:
+    """In this order: the cluster becomes smaller."""
+
+    def test_nothing(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+        calls: list[Progress] = []
+        with gsvrcodec.Cluster(four.address) as found:
+            joined(found, 4)
+            gsvrcodec.encode(
+                making.NOISE,
+                tmp_path / "a.gsvr",
+                executor=found,
+                progress=calls.append,
+                **SETTINGS,
+            )
+        assert (tmp_path / "a.gsvr").read_bytes() == whole
+        assert {call.workers for call in calls} == {4}
+        assert (calls[0].chains_done, calls[-1].chains_done) == (0, calls[0].chains)
+
+    def test_a_worker(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+        killed: list[int] = []
+
+        def kill(state: Progress) -> None:
+            if state.gop and not killed:
+                killed.append(four.workers[0].pid)
+                four.workers[0].kill()
+
+        with gsvrcodec.Cluster(str(four.file)) as found:
+            joined(found, 4)
+            gsvrcodec.encode(
+                making.NOISE, tmp_path / "a.gsvr", executor=found, progress=kill, **SETTINGS
+            )
+        assert killed
+        assert (tmp_path / "a.gsvr").read_bytes() == whole
+
+    def test_the_command_line_says_who_works(
+        self, four: Machines, whole: bytes, tmp_path: Path
+    ) -> None:
+        process = start(
+            *("gsvrenc", making.NOISE, tmp_path / "a.gsvr", "--cluster", "auto", *OPTIONS),
+            environment={"DASK_SCHEDULER_ADDRESS": four.address},
+            stderr=subprocess.PIPE,
+        )
+        err = process.communicate(timeout=120)[1].decode()
+        assert process.returncode == 0, err
+        assert f"chains, {len(four.workers) - 1} workers" in err.splitlines()[0]
+        assert (tmp_path / "a.gsvr").read_bytes() == whole
+
+    def test_the_scheduler(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+        target = tmp_path / "a.gsvr"
+        process = start(
+            *("gsvrenc", making.NOISE, target, "--cluster", four.address, *OPTIONS),
+            stderr=subprocess.PIPE,
+        )
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith(b"GOP 1/"):
+                four.scheduler.kill()
+                break
+        err = process.communicate(timeout=60)[1].decode()
+        assert process.returncode == 1
+        lines = [line for line in err.splitlines() if not line.startswith("GOP ")]
+        assert re.fullmatch(
+            r"gsvrenc: error: the scheduler at tcp://\S+ was lost; \d+ finished GOPs? (is|are) "
+            r"kept in .*\.part, --resume goes on from there",
+            "\n".join(lines),
+        )
+        gsvrcodec.encode(making.NOISE, target, resume=True, **SETTINGS)
+        assert target.read_bytes() == whole
+
+    def test_all_workers_of_one_chain(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        deadly = eval("lambda data, threads: __import__('os')._exit(1)", {"__name__": "nowhere"})
+        monkeypatch.setattr(cluster, "_encoded", deadly)
+        with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
+            joined(found, 3)
+            with pytest.raises(WorkerError, match="3 workers died of the chain of GOPs at frame 0"):
+                gsvrcodec.encode(
+                    making.NOISE,
+                    tmp_path / "a.gsvr",
+                    executor=found,
+                    **(SETTINGS | {"frames": 4, "keyint": 4}),
+                )
+        assert not list(tmp_path.iterdir())
+
+
+class TestRefused:
+    def test_nothing_listens(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 1.0)
+        with pytest.raises(ClusterError, match=r"no scheduler .* answers at tcp://127.0.0.1:9 "):
+            gsvrcodec.Cluster("tcp://127.0.0.1:9")
+
+    def test_no_such_file(self) -> None:
+        with pytest.raises(ClusterError, match="no such scheduler file"):
+            gsvrcodec.Cluster("not-here.json")
+
+    def test_no_address(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setitem(_dask_settings(), "scheduler-address", None)
+        with pytest.raises(UsageError, match="DASK_SCHEDULER_ADDRESS, which is not set"):
+            gsvrcodec.Cluster("auto")
+
+    def test_no_workers(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(cluster, "_PATIENCE_SECONDS", 0.0)
+        with machines(0) as none, pytest.raises(ClusterError, match="has had no worker for 0 s"):
+            gsvrcodec.Cluster(none.address)
+
+    def test_another_version(self, tmp_path: Path) -> None:
+        own = versions() | {"gsvrcodec": "0.0.9"}
+        self.fails(tmp_path, f"def versions(): return {own}", r"has gsvrcodec 0\.0\.9, not \d")
+
+    def test_no_gsvrcodec(self, tmp_path: Path) -> None:
+        self.fails(
+            tmp_path,
+            "raise ModuleNotFoundError(\"No module named 'gsvrcodec'\")",
+            r"has no gsvrcodec \(No module",
+        )
+
+    def fails(self, directory: Path, code: str, message: str) -> None:
+        """Join a worker whose gsvrcodec is this code."""
+        (directory / "gsvrcodec").mkdir()
+        (directory / "gsvrcodec" / "__init__.py").write_text("")
+        (directory / "gsvrcodec" / "versions.py").write_text(code)
+        with (
+            machines(1, environment={"PYTHONPATH": str(directory)}) as one,
+            pytest.raises(ClusterError, match=rf"the worker at tcp://\S+ {message}"),
+        ):
+            gsvrcodec.Cluster(one.address)
+
+    def test_other_kernels_are_a_warning(self, caplog: pytest.LogCaptureFixture) -> None:
+        assert cluster._fault("x", versions()) is None
+        assert not caplog.records
+        assert cluster._fault("x", versions() | {"native core": "avx2"}) is None
+        assert "x has native core avx2, not" in caplog.text
+        assert cluster._fault("x", OSError("why")) is not None
+
+    def test_other_work(self) -> None:
+        found = gsvrcodec.Cluster.__new__(gsvrcodec.Cluster)
+        with pytest.raises(TypeError, match="chains and nothing else"):
+            found.submit(print)
+
+
+def _dask_settings() -> dict[str, Any]:
+    import dask
+
+    settings: dict[str, Any] = dask.config.config
+    return settings
