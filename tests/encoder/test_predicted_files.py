@@ -33,6 +33,12 @@ def locked_camera(frames: int, *, seed: int = 0) -> Frames:
     return film
 
 
+def place(result: EncodeResult) -> Path:
+    """The path of a film that was encoded to a file."""
+    assert result.path is not None
+    return result.path
+
+
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sixteen frames without a cut."""
@@ -51,9 +57,9 @@ class TestChains:
     def test_keyint_bounds_them(self, stored: EncodeResult) -> None:
         assert [gop.key for gop in stored.gop_stats] == [True, False, True, False]
         assert (stored.gops, stored.key_gops) == (4, 2)
-        with GsvrReader(stored.path) as reader:
+        with GsvrReader(place(stored)) as reader:
             assert [reader.chain_of(number) for number in range(4)] == [[0], [0, 1], [2], [2, 3]]
-        assert list(verify(stored.path)) == []
+        assert list(verify(place(stored))) == []
 
     def test_keyint_0_gives_key_gops_alone(self, film: Path, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"
@@ -81,7 +87,7 @@ class TestWorth:
         assert fourth.bytes < 0.6 * third.bytes
         # Prediction does not pay by losing quality: three seeds had 30.4 to 30.9 dB.
         assert min(second.psnr, fourth.psnr) > 30
-        items = {item.name: item.bytes for item in inspect_bytes(stored.path)}
+        items = {item.name: item.bytes for item in inspect_bytes(place(stored))}
         assert items["mode"] > 0
         assert sum(items.values()) == stored.bytes
 
@@ -98,7 +104,7 @@ class TestWorth:
 
 class TestDecoded:
     def test_figures_are_those_of_the_file(self, film: Path, stored: EncodeResult) -> None:
-        with gsvrcodec.open(stored.path) as decoder:
+        with gsvrcodec.open(place(stored)) as decoder:
             values = [
                 making.psnr(frame.data, shot)
                 for frame, shot in zip(decoder, locked_camera(16), strict=True)
@@ -109,20 +115,20 @@ class TestDecoded:
             assert np.mean(own) == pytest.approx(gop.psnr, abs=0.02)
 
     def test_any_frame_by_itself(self, stored: EncodeResult) -> None:
-        with gsvrcodec.open(stored.path) as decoder:
+        with gsvrcodec.open(place(stored)) as decoder:
             frames = [frame.data for frame in decoder]
         for number in (15, 0, 9, 6):
-            with gsvrcodec.open(stored.path) as decoder:
+            with gsvrcodec.open(place(stored)) as decoder:
                 np.testing.assert_array_equal(decoder[number].data, frames[number])
 
     def test_damage_costs_the_rest_of_its_chain(self, stored: EncodeResult, tmp_path: Path) -> None:
         """A damaged key GOP costs its chain, a damaged predicted GOP itself; the rest stays."""
-        with gsvrcodec.open(stored.path) as decoder:
+        with gsvrcodec.open(place(stored)) as decoder:
             frames = [frame.data for frame in decoder]
-        with GsvrReader(stored.path) as reader:
+        with GsvrReader(place(stored)) as reader:
             chunks = [gop.chunk for gop in reader.gops]
         for number, lost in ((0, range(8)), (1, range(4, 8)), (2, range(8, 16))):
-            data = bytearray(stored.path.read_bytes())
+            data = bytearray(place(stored).read_bytes())
             data[chunks[number].payload_offset + 100] ^= 8
             target = tmp_path / f"{number}.gsvr"
             target.write_bytes(data)
