@@ -243,4 +243,6 @@ def _gradients(total: Tensor, leaves: Mapping[str, Tensor]) -> list[Tensor]:
     values = list(leaves.values())
     if not total.requires_grad:
         return [torch.zeros_like(value) for value in values]
-    return list(torch.autograd.grad(total, values, allow_unused=True, materialize_grads=True))
+    gradients = torch.autograd.grad(total, values, allow_unused=True, materialize_grads=True)
+    # In torch 2.8, the zeros for what is empty ask for gradients of their own.
+    return [gradient.detach() for gradient in gradients]

@@ -9,7 +9,6 @@ itself is built without them.
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,20 +16,10 @@ from pathlib import Path
 
 from gsvrcodec.native import _entropy
 from tests.cmake_build import ROOT, build
+from tests.staged import RUN_PYTEST, stage
 
 #: Tests of the core alone: no interpreted kernels, which are slow, and no processes of their own.
 _TESTS = [f"tests/render/test_{name}.py" for name in ("agreement", "robustness", "adam")]
-#: Runs pytest on the staged package: the hook of an editable install would load the installed one.
-_RUN = """
-import sys
-sys.path.insert(0, ".")
-sys.meta_path[:] = [f for f in sys.meta_path if "Redirecting" not in type(f).__name__]
-import pytest
-from gsvrcodec.native import _core
-from pathlib import Path
-assert Path(_core.__file__).is_relative_to(Path.cwd()), _core.__file__
-sys.exit(pytest.main(sys.argv[1:]))
-"""
 
 
 def output(*command: str) -> str:
@@ -49,15 +38,6 @@ def build_core(folder: Path) -> Path:
     return build(ROOT / "gsvrcodec" / "native", folder, "_core", definitions)
 
 
-def stage(core: Path, folder: Path) -> None:
-    """Put a copy of the package with `core` in it, and the tests, into `folder`."""
-    for name in ("gsvrcodec", "tests"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("*.so"))
-    shutil.copy(ROOT / "pyproject.toml", folder)
-    shutil.copy(core, folder / "gsvrcodec" / "native")
-    shutil.copy(_entropy.__file__, folder / "gsvrcodec" / "native")
-
-
 def main() -> int:
     arguments = sys.argv[1:]
     split = arguments.index("--") if "--" in arguments else len(arguments)
@@ -65,8 +45,7 @@ def main() -> int:
         folder = Path(arguments[0]).resolve() if split else Path(temporary, "build")
         core = build_core(folder)
         staged = Path(temporary, "staged")
-        staged.mkdir()
-        stage(core, staged)
+        stage({"_core": core, "_entropy": Path(_entropy.__file__)}, staged)
         compiler = os.environ.get("CXX", "g++")
         libraries = [output(compiler, f"-print-file-name=lib{n}.so") for n in ("asan", "ubsan")]
         environment = os.environ | {
@@ -75,8 +54,7 @@ def main() -> int:
             "ASAN_OPTIONS": "detect_leaks=0",
             "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1",
         }
-        command = [sys.executable, "-c", _RUN, "-q", "-n0", "-p", "no:cacheprovider", *_TESTS]
-        command += arguments[split + 1 :]
+        command = [sys.executable, "-c", RUN_PYTEST, *_TESTS, *arguments[split + 1 :]]
         return subprocess.run(command, cwd=staged, env=environment, check=False).returncode
 
 
