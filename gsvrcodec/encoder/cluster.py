@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -136,10 +136,10 @@ class Cluster(Executor):
         except CancelledError:
             future.cancel()
         except BaseException as error:
-            if not future.cancelled():
+            with suppress(InvalidStateError):  # it was cancelled meanwhile
                 future.set_exception(error)
         else:
-            if not future.cancelled():
+            with suppress(InvalidStateError):
                 future.set_result(found)
         finally:
             self._open.discard(future)
@@ -292,10 +292,10 @@ def _fault(address: str, told: Any) -> str | None:
     for name in (*_REQUIRED, *_WANTED):
         if told.get(name) == own[name]:
             continue
-        what = f"the worker at {address} has {name} {told.get(name)}, not {own[name]}"
+        what = f"has {name} {told.get(name)}, not {own[name]}"
         if name in _REQUIRED:
-            return what
-        _log.warning("%s: the file may differ from one that is made here", what)
+            return f"the worker at {address} {what}"
+        _log.warning("a worker %s: the file may differ from one that is made here", what)
     return None
 
 

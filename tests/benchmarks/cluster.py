@@ -25,6 +25,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
+import av
 import click
 import numpy as np
 
@@ -50,6 +51,24 @@ def film(path: Path, frames: int, size: tuple[int, int]) -> Path:
     with open_writer(path, info) as writer:
         for number, rgb in enumerate(islice(cycle([*shots, *shots[::-1]]), frames)):
             writer.write(rgb, number, 1)
+    return path
+
+
+def repeated(path: Path, times: int) -> Path:
+    """Bunny again and again, its packets as they are."""
+    with av.open(path, "w") as target:
+        stream, begin = None, 0
+        for _ in range(times):
+            with av.open(making.BUNNY) as source:
+                own = source.streams.video[0]
+                stream = stream or target.add_stream_from_template(own)
+                for packet in source.demux(own):
+                    if packet.dts is None or packet.pts is None:
+                        continue
+                    packet.pts, packet.dts = packet.pts + begin, packet.dts + begin
+                    packet.stream = stream
+                    target.mux(packet)
+                begin += own.duration or 0
     return path
 
 
@@ -154,7 +173,7 @@ def memory(directory: Path, frames: int) -> None:
     """Send frames of 1280x720 and let workers unpack them."""
     from gsvrcodec.encoder import cluster
 
-    source = film(directory / "large.mkv", frames, (1280, 720))
+    source = repeated(directory / "large.mp4", -(-frames // 132))
     unpacking = eval(UNPACKING, {"__name__": "nowhere"})  # sent by value
     cluster._encoded = unpacking
     with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
@@ -162,7 +181,7 @@ def memory(directory: Path, frames: int) -> None:
         with Memory(three) as watched:
             began = time.perf_counter()
             gsvrcodec.encode(
-                source, directory / "a.gsvr", executor=found, overwrite=True, preset="fastest"
+                source, directory / "a.gsvr", executor=found, overwrite=True, frames=frames
             )
             seconds = time.perf_counter() - began
     print(f"{frames} frames of 1280x720 in {seconds:.0f} s; most memory:")

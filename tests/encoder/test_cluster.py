@@ -44,9 +44,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def four() -> Iterator[Machines]:
-    """A cluster of four workers; one test after another takes some of it away."""
-    with machines(4) as found:
+def three() -> Iterator[Machines]:
+    """A cluster of three workers; one test after another takes some of it away."""
+    with machines(3) as found:
         yield found
 
 
@@ -61,10 +61,10 @@ def joined(found: gsvrcodec.Cluster, count: int) -> None:
 class TestWhatDies:
     """In this order: the cluster becomes smaller."""
 
-    def test_nothing(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+    def test_nothing(self, three: Machines, whole: bytes, tmp_path: Path) -> None:
         calls: list[Progress] = []
-        with gsvrcodec.Cluster(four.address) as found:
-            joined(found, 4)
+        with gsvrcodec.Cluster(three.address) as found:
+            joined(found, 3)
             gsvrcodec.encode(
                 making.NOISE,
                 tmp_path / "a.gsvr",
@@ -73,19 +73,19 @@ class TestWhatDies:
                 **SETTINGS,
             )
         assert (tmp_path / "a.gsvr").read_bytes() == whole
-        assert {call.workers for call in calls} == {4}
+        assert {call.workers for call in calls} == {3}
         assert (calls[0].chains_done, calls[-1].chains_done) == (0, calls[0].chains)
 
-    def test_a_worker(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+    def test_a_worker(self, three: Machines, whole: bytes, tmp_path: Path) -> None:
         killed: list[int] = []
 
         def kill(state: Progress) -> None:
             if state.gop and not killed:
-                killed.append(four.workers[0].pid)
-                four.workers[0].kill()
+                killed.append(three.workers[0].pid)
+                three.workers[0].kill()
 
-        with gsvrcodec.Cluster(str(four.file)) as found:
-            joined(found, 4)
+        with gsvrcodec.Cluster(str(three.file)) as found:
+            joined(found, 3)
             gsvrcodec.encode(
                 making.NOISE, tmp_path / "a.gsvr", executor=found, progress=kill, **SETTINGS
             )
@@ -93,28 +93,28 @@ class TestWhatDies:
         assert (tmp_path / "a.gsvr").read_bytes() == whole
 
     def test_the_command_line_says_who_works(
-        self, four: Machines, whole: bytes, tmp_path: Path
+        self, three: Machines, whole: bytes, tmp_path: Path
     ) -> None:
         process = start(
             *("gsvrenc", making.NOISE, tmp_path / "a.gsvr", "--cluster", "auto", *OPTIONS),
-            environment={"DASK_SCHEDULER_ADDRESS": four.address},
+            environment={"DASK_SCHEDULER_ADDRESS": three.address},
             stderr=subprocess.PIPE,
         )
         err = process.communicate(timeout=120)[1].decode()
         assert process.returncode == 0, err
-        assert f"chains, {len(four.workers) - 1} workers" in err.splitlines()[0]
+        assert f"chains, {len(three.workers) - 1} workers" in err.splitlines()[0]
         assert (tmp_path / "a.gsvr").read_bytes() == whole
 
-    def test_the_scheduler(self, four: Machines, whole: bytes, tmp_path: Path) -> None:
+    def test_the_scheduler(self, three: Machines, whole: bytes, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"
         process = start(
-            *("gsvrenc", making.NOISE, target, "--cluster", four.address, *OPTIONS),
+            *("gsvrenc", making.NOISE, target, "--cluster", three.address, *OPTIONS),
             stderr=subprocess.PIPE,
         )
         assert process.stderr is not None
         for line in process.stderr:
             if line.startswith(b"GOP 1/"):
-                four.scheduler.kill()
+                three.scheduler.kill()
                 break
         err = process.communicate(timeout=60)[1].decode()
         assert process.returncode == 1
@@ -190,7 +190,7 @@ class TestRefused:
         assert cluster._fault("x", versions()) is None
         assert not caplog.records
         assert cluster._fault("x", versions() | {"native core": "avx2"}) is None
-        assert "x has native core avx2, not" in caplog.text
+        assert "a worker has native core avx2, not" in caplog.text
         assert cluster._fault("x", OSError("why")) is not None
 
     def test_other_work(self) -> None:
