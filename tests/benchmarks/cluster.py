@@ -1,7 +1,7 @@
 """Executors and a cluster on this machine: `python -m tests.benchmarks.cluster WHAT`.
 
 * same: local workers, Python's executor, loky (if installed) and Dask, with 2 workers each, give
-  the same bytes; wall time of each, median of --runs, workers started anew for each run.
+  the same bytes; wall and CPU time of each, median of --runs, workers started anew for each run.
 * killed: three workers, one of which is killed with -9 half-way.
 * lost: the scheduler is killed half-way; the encode is resumed.
 * memory: most memory of client and scheduler while a film of 1280x720 goes to three workers. They
@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import multiprocessing
+import os
 import statistics
 import sys
 import tempfile
@@ -91,8 +92,14 @@ def timed(source: Path, target: Path, executor: Executor | None, **more: Any) ->
     return time.perf_counter() - began
 
 
-def same(directory: Path, source: Path, runs: int) -> None:
-    """Compare executors in bytes and wall time."""
+def cpu() -> float:
+    """CPU seconds of this process and of all that it started and that have ended."""
+    found = os.times()
+    return found.user + found.system + found.children_user + found.children_system
+
+
+def same(directory: Path, source: Path, runs: int, names: str) -> None:
+    """Compare executors in bytes, wall time and CPU time."""
     target = directory / "a.gsvr"
     timed(source, target, None, workers=1)
     expected = md5(target)
@@ -115,18 +122,24 @@ def same(directory: Path, source: Path, runs: int) -> None:
         kinds["loky"] = lambda: loky.ProcessPoolExecutor(2)
     except ImportError:
         print("loky is not installed")
-    times: dict[str, list[float]] = {name: [] for name in kinds}
+    kinds = {name: kind for name, kind in kinds.items() if name in names.split(",")}
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in kinds}
     for _ in range(runs):
         for name, kind in kinds.items():
+            began = cpu()
             with kind() as executor:
                 # Local workers are started anew by every encode, so all others are too.
-                times[name].append(timed(source, target, executor, workers=2))
+                wall = timed(source, target, executor, workers=2)
+            times[name].append((wall, cpu() - began))
             assert md5(target) == expected, name
-    base = statistics.median(times["local"])
+            print(f"  {name:20} {wall:6.1f} s, {times[name][-1][1]:6.1f} s of CPU", flush=True)
+    base, base_cpu = (statistics.median(each) for each in zip(*times["local"], strict=True))
     for name, found in times.items():
-        middle = statistics.median(found)
-        each = " ".join(f"{one:.1f}" for one in found)
-        print(f"{name:20} {middle:6.1f} s ({middle / base - 1:+.0%}), same bytes; {each}")
+        wall, used = (statistics.median(each) for each in zip(*found, strict=True))
+        print(
+            f"{name:20} {wall:6.1f} s ({wall / base - 1:+.0%}), "
+            f"{used:6.1f} s of CPU ({used / base_cpu - 1:+.0%}), same bytes"
+        )
 
 
 def half_way(action: Callable[[], None]) -> Callable[[Progress], None]:
@@ -254,8 +267,9 @@ class Memory:
 @click.command()
 @click.argument("what", type=click.Choice(["same", "killed", "lost", "memory"]))
 @click.option("--runs", default=3, show_default=True, type=click.IntRange(min=1))
+@click.option("--only", default="local,ProcessPoolExecutor,Dask,loky", show_default=True)
 @click.option("--frames", default=2000, show_default=True, help="Of the film for memory.")
-def main(what: str, runs: int, frames: int) -> None:
+def main(what: str, runs: int, only: str, frames: int) -> None:
     """Measure executors and clusters."""
     print(machine())
     with tempfile.TemporaryDirectory() as name:
@@ -265,7 +279,7 @@ def main(what: str, runs: int, frames: int) -> None:
             return
         source = film(directory / "small.mkv", 200, (160, 96))
         functions: dict[str, Any] = {
-            "same": functools.partial(same, runs=runs),
+            "same": functools.partial(same, runs=runs, names=only),
             "killed": killed,
             "lost": lost,
         }
