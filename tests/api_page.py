@@ -30,7 +30,10 @@ page may change without a word. `python -m tests.api_page` writes the page from 
 
 #: Chapters: title, and what is in each.
 _CHAPTERS: tuple[tuple[str, tuple[Any, ...]], ...] = (
-    ("Encode", (gsvrcodec.encode, EncodeSettings, EncodeResult, GopStats, Progress)),
+    (
+        "Encode",
+        (gsvrcodec.encode, EncodeSettings, EncodeResult, GopStats, Progress, gsvrcodec.Cluster),
+    ),
     (
         "Decode",
         (

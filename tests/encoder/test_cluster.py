@@ -180,6 +180,7 @@ class TestRefused:
         (directory / "gsvrcodec").mkdir()
         (directory / "gsvrcodec" / "__init__.py").write_text("")
         (directory / "gsvrcodec" / "versions.py").write_text(code)
+        (directory / "sitecustomize.py").write_text(_PATH_FIRST)
         with (
             machines(1, environment={"PYTHONPATH": str(directory)}) as one,
             pytest.raises(ClusterError, match=rf"the worker at tcp://\S+ {message}"),
@@ -197,6 +198,15 @@ class TestRefused:
         found = gsvrcodec.Cluster.__new__(gsvrcodec.Cluster)
         with pytest.raises(TypeError, match="chains and nothing else"):
             found.submit(print)
+
+
+#: What a process runs at its start, to find packages by the path before editable installs.
+_PATH_FIRST = """
+import sys
+from importlib.machinery import PathFinder
+sys.meta_path.remove(PathFinder)
+sys.meta_path.insert(0, PathFinder)
+"""
 
 
 def _dask_settings() -> dict[str, Any]:
