@@ -13,6 +13,8 @@ from tests import making
 from tests.benchmarks import crf, defaults, presets
 from tests.benchmarks.page_quality import quality_sections
 
+pytestmark = pytest.mark.slow
+
 ORIGIN = {"machine": "m", "command": "c"}
 SETTINGS = ["--frames", "4", "--set", "preset=fastest", "--set", "workers=1"]
 

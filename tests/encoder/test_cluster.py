@@ -22,7 +22,7 @@ from tests.encoder.clusters import Machines, machines
 
 pytest.importorskip("distributed", reason="needs gsvrcodec[cluster]")
 # Dask's clients leave their event loops and sockets to the garbage collector.
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::ResourceWarning"), pytest.mark.slow]
 
 #: Seven chains of one or two GOPs.
 SETTINGS: dict[str, Any] = {

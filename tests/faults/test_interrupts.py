@@ -48,6 +48,7 @@ def slow_encode(target: Path, *options: str) -> subprocess.Popen[bytes]:
 class TestKill:
     """Fault 20."""
 
+    @pytest.mark.slow
     def test_resumed_after_kills_gives_the_same_bytes(self, tmp_path: Path) -> None:
         kept = kill_and_resume(tmp_path, 3, often=3)
         assert len(kept) == 3

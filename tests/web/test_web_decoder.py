@@ -18,6 +18,8 @@ from gsvrcodec.limits import Limits
 from tests import fuzz
 from tests.vectors import make
 
+pytestmark = pytest.mark.slow
+
 FAULTY = json.loads((make.FAULTY / "expected.json").read_text())
 ERRORS = {0: "ok", 3: "CorruptError", 4: "UnsupportedError"}
 

@@ -17,6 +17,8 @@ import gsvrcodec
 from tests.vectors import make
 from tests.web.conftest import Site
 
+pytestmark = pytest.mark.slow
+
 #: Streams with planes that a browser cannot decode.
 FOREIGN = {"jxl", "sixteen-bits"}
 STREAMS = sorted({path.stem for path in make.VALID.glob("*.gsvr")} - FOREIGN)

@@ -24,6 +24,8 @@ from tests.making import BUNNY_SMALL
 from tests.vectors import make
 from tests.web.conftest import Site, watched
 
+pytestmark = pytest.mark.slow
+
 FILM = "film-sound.gsvr"
 
 #: GOP, frame in it, tau, weight of the next GOP.
