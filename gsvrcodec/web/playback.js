@@ -182,9 +182,9 @@ export class Player {
 
   /** Milliseconds that a picture may take while the film plays. */
   budget() {
-    const { frame: ticks, tick } = this.timeline;
-    const frame = this.isBetween ? 0 : (1000 * ticks * tick) / this.speed;
-    return Math.min(Math.max(frame * 0.9, 33), 60);
+    if (this.isBetween) return 50;
+    const { frame, tick } = this.timeline;
+    return Math.min(Math.max((900 * frame * tick) / this.speed, 33), 60);
   }
 
   advance(passed) {
