@@ -19,7 +19,7 @@ from gsvrcodec.decoder.pictures import RequestedSize
 from gsvrcodec.errors import UsageError
 from gsvrcodec.limits import Limits
 
-#: What becomes of a clip that reaches over the end of its film.
+#: Treatment of a clip that reaches over the end of its film.
 Policy = Literal["repeat_last", "wrap", "error"]
 
 

@@ -14,7 +14,7 @@ import click
 from gsvrcodec.cli.common import about, may_overwrite, overwrite_option, run, version_option
 
 if TYPE_CHECKING:
-    from gsvrcodec.play.library import Library
+    from gsvrcodec.play.collection import Collection
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -68,31 +68,31 @@ def command(
     """
     import webbrowser
 
+    from gsvrcodec.play.collection import open_collection
     from gsvrcodec.play.export import export_page
-    from gsvrcodec.play.library import open_library
     from gsvrcodec.play.serve import open_server
 
     with about(source):
-        library = open_library(source)
+        collection = open_collection(source)
     if page is not None:
-        if library.directory:
+        if collection.directory:
             raise click.UsageError("--export is for one film; name a file")
-        export_page(library.path, page, overwrite=may_overwrite(page, overwrite))
+        export_page(collection.path, page, overwrite=may_overwrite(page, overwrite))
         return
-    with _until_interrupted(), open_server(library, host=host, port=port) as server:
-        click.echo(f"{server.url} {_what(library)}; Ctrl-C ends it")
+    with _until_interrupted(), open_server(collection, host=host, port=port) as server:
+        click.echo(f"{server.url} {_what(collection)}; Ctrl-C ends it")
         if not no_browser:
             # In a thread of its own: a browser on the terminal keeps whoever opens it waiting.
             Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         server.serve_forever()
 
 
-def _what(library: Library) -> str:
+def _what(collection: Collection) -> str:
     """Say what the server has."""
-    name = click.format_filename(library.path)
-    if not library.directory:
+    name = click.format_filename(collection.path)
+    if not collection.directory:
         return f"plays {name}"
-    count = len(library.films())
+    count = len(collection.films())
     return f"shows {count} film{'s' * (count != 1)} of {name}"
 
 

@@ -175,7 +175,7 @@ class Cluster(Executor):
     def _done_by(
         self, address: str, future: Future[list[FittedGop]], stored: IO[bytes], threads: int
     ) -> list[FittedGop] | Exception:
-        """Send a chain to a worker and wait for what becomes of it; any error: the worker died."""
+        """Send a chain to a worker; return its GOPs or its error; raise if the worker died."""
         place = {"workers": [address], "allow_other_workers": False}
         with self._sending:
             stored.seek(0)
@@ -277,13 +277,13 @@ def _connected(address: str) -> tuple[Client, str]:
 
 
 def _quiet(on: bool) -> None:
-    """Keep Dask from writing to the standard error what is said by our errors."""
+    """Keep Dask from writing to the standard error; our errors say the same in one sentence."""
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL if on else logging.WARNING)
 
 
 def _fault(address: str, told: Any) -> str | None:
-    """Return what keeps a worker from being used, by its versions; warn of what may differ."""
+    """Return why the versions of a worker forbid it; warn of versions that may change bytes."""
     if isinstance(told, ModuleNotFoundError):
         return f"the worker at {address} has no gsvrcodec ({told})"
     if not isinstance(told, Mapping):
@@ -300,7 +300,7 @@ def _fault(address: str, told: Any) -> str | None:
 
 
 def _encoded(data: bytes, threads: int) -> list[FittedGop] | Exception:
-    """Encode a pickled chain on a worker, and return the GOPs or what went wrong.
+    """Encode a pickled chain on a worker, and return the GOPs or the error.
 
     Args:
         data: the chain.

@@ -19,7 +19,7 @@ from gsvrcodec.render.native import resolve_threads
 #: Chains that are read and handed over before a worker is free for them.
 AHEAD = 1
 
-#: What executors call the number of their workers: ours; those of MPI; those of Python and loky.
+#: Attributes with the number of workers: of our executors, of MPI's, of Python's and loky's.
 _COUNTS = ("workers", "num_workers", "_max_workers")
 
 

@@ -15,7 +15,7 @@ _IMPORT = re.compile(r'^import \{([\w$,\s]*)\} from "\./([\w.-]+)";$', re.MULTIL
 _EXPORT = re.compile(r"^export (?=(?:async function|function|class|const)\b)", re.MULTILINE)
 _NOT_UNDERSTOOD = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 
-#: What would end the element of a page that holds a script, or keep it from ending.
+#: Text that would end the script element around a script too early, or keep it open.
 _MARKUP = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
 
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from gsvrcodec.bitstream.source import Source, open_source
 from gsvrcodec.files import check_output, gathered_output
 from gsvrcodec.play.bundle import bundle
-from gsvrcodec.play.library import check_film
+from gsvrcodec.play.collection import check_film
 from gsvrcodec.play.web import WEB
 
-#: What the page loads from the server, and what an exported page therefore has inside.
+#: Marks in player.html. Content takes the place of the last two in an exported page.
 _CHARSET = '<meta charset="utf-8">'
 _STYLE = '<link rel="stylesheet" href="style.css">'
 _SCRIPT = '<script type="module" src="player.js"></script>'
@@ -73,7 +73,7 @@ def _piece(source: Source, offset: int) -> bytes:
 
 
 def _around(film: Path, web: Traversable) -> tuple[str, str]:
-    """What stands in the page before the film, in base64, and after it."""
+    """Return the text of the page before the film, which is base64, and the text after it."""
     style = web.joinpath("style.css").read_text("utf-8").replace("</", r"<\/")
     script = bundle("player.js", web)
     worker = bundle("worker.js", web)
@@ -90,7 +90,7 @@ def _around(film: Path, web: Traversable) -> tuple[str, str]:
 
 
 def _split(page: str, mark: str) -> tuple[str, str]:
-    """What stands before and after a mark; raise `ValueError` if it is not there once."""
+    """Return the text before and after a mark; raise `ValueError` if the mark is not there once."""
     before, *after = page.split(mark)
     if len(after) != 1:
         raise ValueError(f"player.html needs, once and in its place: {mark}")
@@ -98,7 +98,7 @@ def _split(page: str, mark: str) -> tuple[str, str]:
 
 
 def _policy(script: str, style: str) -> str:
-    """The element that lets the page run and load nothing but what it has inside."""
+    """Return the element that allows the page to run and load its own content alone."""
     rules = {
         "default-src": "'none'",
         "script-src": f"{_hash(script)} blob:",

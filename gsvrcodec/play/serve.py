@@ -20,13 +20,13 @@ from typing import Any, cast
 from urllib.parse import quote, unquote_to_bytes, urlsplit
 
 from gsvrcodec.errors import AddressError, InputError
-from gsvrcodec.play.library import Library
+from gsvrcodec.play.collection import Collection
 from gsvrcodec.play.web import MEDIA_TYPES, WEB
 
-#: Port for who does not ask for one.
+#: Port if none is asked for.
 DEFAULT_PORT = 8787
 
-#: What pages may load and run: only what this server has.
+#: Policy of all pages: they load and run content of this server alone.
 _POLICY = "; ".join(
     [
         "default-src 'none'",
@@ -45,12 +45,16 @@ _log = logging.getLogger(__name__)
 
 
 def open_server(
-    library: Library, *, host: str = "127.0.0.1", port: int | None = None, web: Traversable = WEB
+    collection: Collection,
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    web: Traversable = WEB,
 ) -> FilmServer:
-    """Listen for requests; `serve_forever` of what is returned answers them.
+    """Return a server that listens for requests; its `serve_forever` answers them.
 
     Args:
-        library: The films.
+        collection: The films.
         host: Name or address of this machine. Off the loopback, others can read the films.
         port: 0 = any free port; None = `DEFAULT_PORT`, or any free port if that is taken.
         web: Directory of the pages.
@@ -60,10 +64,10 @@ def open_server(
     """
     if port is None:
         try:
-            return FilmServer(library, host, DEFAULT_PORT, web)
+            return FilmServer(collection, host, DEFAULT_PORT, web)
         except AddressError:
             port = 0
-    return FilmServer(library, host, port, web)
+    return FilmServer(collection, host, port, web)
 
 
 class FilmServer(ThreadingMixIn, TCPServer):
@@ -72,7 +76,7 @@ class FilmServer(ThreadingMixIn, TCPServer):
     `http.server.ThreadingHTTPServer` would ask the DNS for the name of this machine first.
 
     Args:
-        library: The films.
+        collection: The films.
         host: Name or address of this machine.
         port: 0 = any free port.
         web: Directory of the pages.
@@ -85,8 +89,8 @@ class FilmServer(ThreadingMixIn, TCPServer):
     allow_reuse_address = True
     request_queue_size = 64
 
-    def __init__(self, library: Library, host: str, port: int, web: Traversable) -> None:
-        self.library = library
+    def __init__(self, collection: Collection, host: str, port: int, web: Traversable) -> None:
+        self.collection = collection
         self.web = web
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
@@ -118,7 +122,7 @@ class FilmServer(ThreadingMixIn, TCPServer):
         return not ip_address(str(self.server_address[0])).is_loopback or _is_loopback(host)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say what went wrong in one line, and nothing of clients that went away."""
+        """Log an error in one line; clients that went away are no error."""
         error = sys.exception()
         if not isinstance(error, ConnectionError | TimeoutError):
             _log.warning("a request failed: %s: %s", type(error).__name__, error)
@@ -153,14 +157,14 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def _start_page(self) -> str:
-        library = self.server.library
+        collection = self.server.collection
         # The URL of the film, quoted once more as the value of a query.
-        film = quote(film_url(library.path.name))
-        return "gallery.html" if library.directory else f"player.html?film={film}"
+        film = quote(film_url(collection.path.name))
+        return "gallery.html" if collection.directory else f"player.html?film={film}"
 
     def _send_list(self) -> None:
         try:
-            films = self.server.library.films()
+            films = self.server.collection.films()
         except InputError:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -172,7 +176,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, {"Content-Type": "application/json"}, content)
 
     def _send_file(self, name: str) -> None:
-        """Send a page, or what it loads."""
+        """Send a page, a style sheet or a script."""
         kind = MEDIA_TYPES.get(PurePosixPath(name).suffix)
         files = {file.name: file for file in self.server.web.iterdir()}
         if kind is None or name not in files:
@@ -187,7 +191,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_film(self, name: str) -> None:
         """Send a film, or the part that is asked for."""
         try:
-            file = self.server.library.open(name)
+            file = self.server.collection.open(name)
         except OSError:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -234,18 +238,18 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def end_headers(self) -> None:
-        """End the head of any answer, errors included, with what holds for all of them."""
+        """End the head of an answer, errors included, with the fields that all answers have."""
         self.send_header("Cache-Control", "no-cache")
         self.send_header("Content-Security-Policy", _POLICY)
         self.send_header("X-Content-Type-Options", "nosniff")
         super().end_headers()
 
     def version_string(self) -> str:
-        """What the header `Server` says."""
+        """Return the value of the header `Server`."""
         return "gsvrplay"
 
     def log_message(self, format: str, *args: object) -> None:
-        """Tell of requests only who asks for it."""
+        """Log requests at the level of debugging."""
         _log.debug(format, *args)
 
 

@@ -1,4 +1,4 @@
-"""What an encode reads: files, and what can be read only once, spooled to a temporary file."""
+"""Sources of an encode: files, and sources that are spooled to a temporary file first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gsvrcodec.video.timing import Part, frame_rate
 #: Name of the standard input.
 STDIN = "-"
 
-#: What can be encoded: a path, "-" = the standard input; the bytes of a file, or a binary file
+#: Source of an encode: a path, "-" = the standard input; the bytes of a file, or a binary file
 #: object; an input container of PyAV; or frames, see `gsvrcodec.video.memory.rgb_frames`.
 VideoSource = str | os.PathLike[str] | bytes | BinaryIO | InputContainer | Iterable[Any]
 

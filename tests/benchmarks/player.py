@@ -26,8 +26,8 @@ from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.play.collection import open_collection
 from gsvrcodec.play.export import export_page
-from gsvrcodec.play.library import open_library
 from gsvrcodec.play.serve import open_server
 from tests.benchmarks.machine import command, commit, machine
 from tests.making import BUNNY, BUNNY_SMALL
@@ -176,7 +176,7 @@ def fragments(gop: Gop, coded: tuple[int, int]) -> tuple[int, float]:
 def measure(folder: Path) -> dict[str, Any]:
     """Measure everything; return what is printed and kept."""
     films = encode(folder)
-    server = open_server(open_library(folder), port=0)
+    server = open_server(open_collection(folder), port=0)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     found: dict[str, Any] = {}
     with sync_playwright() as playwright:

@@ -16,7 +16,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from gsvrcodec.play.library import open_library
+from gsvrcodec.play.collection import open_collection
 from gsvrcodec.play.serve import open_server
 from tests.cli.tools import ROOT, Runner, start
 
@@ -102,7 +102,7 @@ class TestServing:
             assert process.returncode == 0
 
     def test_a_port_that_is_taken_fails(self, cli: Runner) -> None:
-        with open_server(open_library(FILM), port=0) as server:
+        with open_server(open_collection(FILM), port=0) as server:
             port = server.server_address[1]
             line = cli.fails(1, "gsvrplay", FILM, "--no-browser", "--port", str(port))
         assert line == f"port {port} of 127.0.0.1 is in use already; choose another --port"

@@ -30,7 +30,7 @@ def modules(script: str) -> list[str]:
 
 
 def result(script: str, *options: str) -> Any:
-    """What a script leaves in `globalThis.result`."""
+    """Run a script; return the value that it leaves in `globalThis.result`."""
     code = f"{script}\nconsole.log(JSON.stringify(globalThis.result));\n"
     run = subprocess.run(
         [str(NODE), *options, "-"], input=code, capture_output=True, text=True, check=True

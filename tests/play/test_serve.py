@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from gsvrcodec.errors import AddressError
 from gsvrcodec.play import serve
-from gsvrcodec.play.library import Library, open_library
+from gsvrcodec.play.collection import Collection, open_collection
 from gsvrcodec.play.serve import byte_range, open_server
 from gsvrcodec.play.web import WEB
 from tests.play.tools import FILM, VALID, Client, serving, write_pages
@@ -193,7 +193,7 @@ class TestConnections:
         def fail(*_: object) -> None:
             raise ZeroDivisionError("why")
 
-        monkeypatch.setattr(Library, "films", fail)
+        monkeypatch.setattr(Collection, "films", fail)
         with pytest.raises(ConnectionError):
             client("/films.json")
         assert caplog.messages == ["a request failed: ZeroDivisionError: why"]
@@ -371,14 +371,14 @@ class TestAddresses:
     def test_a_port_that_is_taken_fails(self, client: Client) -> None:
         port = client.server.server_address[1]
         with pytest.raises(AddressError, match=rf"^port {port} of 127\.0\.0\.1 is in use already"):
-            open_server(open_library(FILM), port=port)
+            open_server(open_collection(FILM), port=port)
 
     def test_the_default_port_gives_way(
         self, client: Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         port = client.server.server_address[1]
         monkeypatch.setattr(serve, "DEFAULT_PORT", port)
-        with open_server(open_library(FILM)) as server:
+        with open_server(open_collection(FILM)) as server:
             assert server.server_address[1] not in (0, port)
 
     @pytest.mark.parametrize(
@@ -386,11 +386,11 @@ class TestAddresses:
     )
     def test_an_address_of_others_fails(self, host: str) -> None:
         with pytest.raises(AddressError, match=r"cannot listen at port \d+ of"):
-            open_server(open_library(FILM), host=host, port=0)
+            open_server(open_collection(FILM), host=host, port=0)
 
     def test_of_ipv6_stand_in_brackets(self) -> None:
         try:
-            server = open_server(open_library(FILM), host="::1", port=0)
+            server = open_server(open_collection(FILM), host="::1", port=0)
         except AddressError:
             pytest.skip("needs IPv6")
         with server:

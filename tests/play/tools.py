@@ -9,7 +9,7 @@ from http.client import HTTPConnection
 from pathlib import Path
 from threading import Thread
 
-from gsvrcodec.play.library import open_library
+from gsvrcodec.play.collection import open_collection
 from gsvrcodec.play.serve import FilmServer, open_server
 
 VALID = Path(__file__).parent.parent / "vectors" / "valid"
@@ -72,7 +72,7 @@ def write_pages(directory: Path, **changed: str) -> Path:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a server answered."""
+    """The answer of a server."""
 
     status: int
     headers: Mapping[str, str]
@@ -101,7 +101,7 @@ class Client:
 @contextmanager
 def serving(path: Path, web: Path, *, host: str = "127.0.0.1") -> Iterator[Client]:
     """Serve a film or a directory from a thread."""
-    with open_server(open_library(path), host=host, port=0, web=web) as server:
+    with open_server(open_collection(path), host=host, port=0, web=web) as server:
         thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         try:

@@ -13,7 +13,7 @@ from urllib.parse import quote, urlsplit
 
 import pytest
 
-from gsvrcodec.play.library import open_library
+from gsvrcodec.play.collection import open_collection
 from gsvrcodec.play.serve import open_server
 from tests.vectors import make
 
@@ -29,7 +29,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
 def find_browser() -> str | None:
-    """Return the path of Chromium: GSVR_TEST_BROWSER, or what is installed."""
+    """Return the path of Chromium: GSVR_TEST_BROWSER, or the installed browser."""
     return os.environ.get("GSVR_TEST_BROWSER") or next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -65,7 +65,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     films = tmp_path_factory.mktemp("films")
     for path in make.VALID.glob("*.gsvr"):
         shutil.copy(path, films)
-    server = open_server(open_library(films), port=0)
+    server = open_server(open_collection(films), port=0)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield Site(server.url, films)
     server.shutdown()
@@ -74,7 +74,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 @dataclass
 class Watch:
-    """What went wrong in a page."""
+    """Faults of a page, in the order in which they were found."""
 
     faults: list[str] = field(default_factory=list)
 

@@ -25,7 +25,7 @@ ERRORS = {0: "ok", 3: "CorruptError", 4: "UnsupportedError"}
 
 
 def verdicts(bench: Any, contents: list[bytes]) -> list[list[str]]:
-    """What the decoder says to files: "ok" or the name of the error, and its sentence."""
+    """Return the decoder's verdict on each file: "ok" or the error's name, and its sentence."""
     texts = [base64.b64encode(content).decode("ascii") for content in contents]
     found: list[list[str]] = bench.evaluate(
         """async (texts) => {
@@ -39,7 +39,7 @@ def verdicts(bench: Any, contents: list[bytes]) -> list[list[str]]:
 
 
 def by_the_package(content: bytes) -> str:
-    """What the package's own decoder says to a file, without `--keep-going`."""
+    """Return the verdict of the package's own decoder on a file, without `--keep-going`."""
     try:
         with GsvrReader(io.BytesIO(content)) as reader:
             if reader.recovered:

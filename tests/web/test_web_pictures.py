@@ -117,7 +117,7 @@ class TestLayers:
 
 
 class TestViews:
-    """What a screen shows of a picture: a part, enlarged, turned or mirrored."""
+    """Parts of a picture on a screen: enlarged, turned or mirrored."""
 
     @pytest.mark.parametrize("rotation", [0, 90, 180, 270])
     @pytest.mark.parametrize("mirrored", [False, True])

@@ -26,7 +26,7 @@ def test_nothing_runs_text_or_comes_from_elsewhere(path: Path) -> None:
 
 
 def test_size() -> None:
-    """What a browser loads, as the server sends it and as the wheel holds it: compressed."""
+    """Bytes of all files, compressed, as the server sends them and the wheel holds them."""
     assert sum(len(zlib.compress(path.read_bytes(), 9)) for path in FILES) < 60_000
 
 

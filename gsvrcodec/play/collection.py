@@ -27,7 +27,7 @@ class Film:
 
 
 @dataclass(frozen=True, slots=True)
-class Library:
+class Collection:
     """The films of a path, looked up anew whenever they are asked for."""
 
     path: Path  #: a film, or a directory of films
@@ -71,7 +71,7 @@ class Library:
         return path
 
 
-def open_library(path: str | os.PathLike[str]) -> Library:
+def open_collection(path: str | os.PathLike[str]) -> Collection:
     """Return the films of a path.
 
     Args:
@@ -83,11 +83,11 @@ def open_library(path: str | os.PathLike[str]) -> Library:
         NotAVideoError: The directory holds no .gsvr file.
     """
     if not Path(path).is_dir():
-        return Library(check_film(path), directory=False)
-    library = Library(Path(path), directory=True)
-    if not library.films():
+        return Collection(check_film(path), directory=False)
+    collection = Collection(Path(path), directory=True)
+    if not collection.films():
         raise NotAVideoError(f"{path} holds no .gsvr file")
-    return library
+    return collection
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
