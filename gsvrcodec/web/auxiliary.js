@@ -1,4 +1,4 @@
-/** Metadata and copied streams (section 10); the caller leaves out what breaks a rule. */
+/** Metadata and copied streams (section 10); the caller leaves out faulty ones. */
 
 import { readPayload } from "./chunks.js";
 import { check } from "./errors.js";

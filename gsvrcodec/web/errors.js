@@ -1,4 +1,4 @@
-/** What can be wrong with a film (section 1). Each message is a sentence for a person. */
+/** Errors of a film (section 1). Each message is a sentence for a person. */
 
 /** A failure that is told to the user: of the film, the network, or the browser. */
 export class GsvrError extends Error {

@@ -24,7 +24,7 @@ const KEY = -1, MISSING = -2;
 
 /** A film: opened, and its GOPs decoded as they are asked for. */
 export class Film {
-  /** What was decoded, or the error if it is at fault, by GOP; the longest unused one first. */
+  /** Decoded GOPs, or their errors, by number; the longest unused one first. */
   #known = new Map();
   #bytes = 0;
   #chunks = [];
@@ -37,7 +37,7 @@ export class Film {
 
   /**
    * Open a film. A CorruptError with `recoverable` says that it may be opened again with
-   * `keepGoing`, which takes what is sound of a damaged file.
+   * `keepGoing`, which takes the sound GOPs of a damaged file.
    */
   static async open(source, { keepGoing = false } = {}) {
     const film = new Film(source);

@@ -70,7 +70,7 @@ export class Target {
     this.size = [0, 0];
   }
 
-  /** Set the size in use, make it black, and let what follows be drawn into it. */
+  /** Set the size in use, make the target black, and direct later drawing into it. */
   begin(width, height) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
@@ -88,7 +88,7 @@ export class Target {
     gl.clear(gl.COLOR_BUFFER_BIT);
   }
 
-  /** Let what follows be added to it. */
+  /** Direct later drawing into the target; it is added up. */
   draw() {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);

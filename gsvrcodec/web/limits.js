@@ -1,4 +1,4 @@
-/** Limits on the content of a film (section 12); what is over one is unsupported. */
+/** Limits on the content of a film (section 12); content over a limit is unsupported. */
 
 import { UnsupportedError } from "./errors.js";
 

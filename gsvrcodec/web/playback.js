@@ -1,4 +1,4 @@
-/** A film as it is watched: where it is, what is shown of it, and how fast it goes on. */
+/** A film while it plays: its time, its speed, and the picture on the screen. */
 
 import { Camera } from "./camera.js";
 import { Pace } from "./pace.js";

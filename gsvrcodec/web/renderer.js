@@ -180,13 +180,13 @@ export class Renderer {
   }
 
   /**
-   * Draw a scene at a time over what is on the screen.
+   * Draw a scene at a time over the present screen.
    * `layers` is "all", "moving" or "standing"; `opacity` the weight of the picture's codes.
    */
   draw(scene, tau, view, { layers = "all", opacity = 1 } = {}) {
     if (view.isEmpty) return;
     scene.arrange(Math.min(...view.zoom), layers);
-    // What is still is drawn once for all frames.
+    // Still Gaussians are drawn once for all frames.
     const key = [layers, ...view.frame, ...view.region].join();
     if (scene.stillKey !== key) {
       this.drawPyramid(scene, 0, 0, view, scene.still);
@@ -276,7 +276,7 @@ export class Renderer {
     scene.drawGroups(0, UNUSED);
   }
 
-  /** Let what follows be mixed into the screen by its opacity. */
+  /** Direct later drawing to the screen; it is mixed in by its opacity. */
   onScreen() {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);

@@ -150,7 +150,7 @@ void main() {
 export const SCREEN_FRAGMENT = `${HEAD}
 uniform sampler2D still, changing;
 uniform ivec4 turning;   // columns of the matrix from pixels of the screen to those of the region
-uniform ivec2 shift;     // and what is added
+uniform ivec2 shift;     // added after it
 uniform ivec4 inside;    // the frame in pixels of the region: least, end
 uniform int height;      // of the screen
 uniform float opacity;

@@ -33,7 +33,7 @@ export class Stage {
     this.faults = new Map();
     this.cuts = new Map();
     this.shown = null;
-    this.picture = ""; // what is on the screen
+    this.picture = ""; // key of the picture on the screen
     this.index = 0;
   }
 
@@ -90,7 +90,7 @@ export class Stage {
     });
   }
 
-  /** Have what follows a GOP on the device ahead of time; `between` as in `show`. */
+  /** Put the next GOP and the passage to it on the device early; `between` as in `show`. */
   prepare(index, between) {
     if (index + 1 >= this.film.gops.length) return;
     this.gop(index + 1);

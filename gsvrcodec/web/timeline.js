@@ -26,7 +26,7 @@ export class Timeline {
   }
 
   /**
-   * Return what is to be drawn at a time, from the frames of the GOP that is shown:
+   * Return the moment to draw at a time, from the frames of the GOP that is shown:
    * `{ index, frame, tau, next }`. With `between`, pictures between frames too: `next` is then
    * the weight of the next GOP, and 0 within this one.
    */
