@@ -65,9 +65,12 @@ class EncodeDisplay(_Display):
 
     def __call__(self, state: Progress) -> None:
         """Show the state of an encode."""
-        parts = [f"GOP {state.gop}/{state.gops}", f"{state.frames_done}/{state.frames} frames"]
+        more = "" if state.analysed else "+"
+        parts = [f"GOP {state.gop}/{state.gops}{more}"]
+        parts.append(f"{state.frames_done}/{state.frames} frames")
         if state.workers > 1:
-            parts.append(f"{state.chains_done}/{state.chains} chains, {state.workers} workers")
+            chains = f"{state.chains_done}/{state.chains}{more} chains"
+            parts.append(f"{chains}, {state.workers} workers")
         if state.psnr is not None:
             parts.append(f"{state.psnr:.2f} dB")
         if state.seconds_per_frame is not None:

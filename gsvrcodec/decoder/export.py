@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import logging
 import os
-from collections import deque
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from gsvrcodec.ahead import ahead
 from gsvrcodec.bitstream.source import Readable, path_of
 from gsvrcodec.decoder.decoder import Decoder
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.decoder.pictures import RequestedSize
-from gsvrcodec.decoder.schedule import Number, Schedule, TimedPicture, schedule
+from gsvrcodec.decoder.schedule import Number, Schedule, schedule
 from gsvrcodec.errors import CorruptError, UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
@@ -136,7 +135,7 @@ def decode(
         done = 0
         with (
             open_writer(dst, info, muxer=muxer, overwrite=overwrite, source=path_of(src)) as writer,
-            closing(_ahead(plan.pictures(decoder), decoder.batch)) as pictures,
+            closing(ahead(plan.pictures(decoder), decoder.batch, "gsvr-render")) as pictures,
         ):
             for picture in pictures:
                 writer.write(picture.data, picture.pts, picture.duration)
@@ -150,18 +149,6 @@ def decode(
             lost_frames=decoder.lost_frames,
             complete=not (decoder.recovered or decoder.lost_frames),
         )
-
-
-def _ahead(pictures: Iterator[TimedPicture], count: int) -> Generator[TimedPicture, None, None]:
-    """Yield the items of `pictures`; a thread renders up to `count` of them in advance."""
-    with ThreadPoolExecutor(1, "gsvr-render") as worker:
-        try:
-            coming = deque(worker.submit(next, pictures, None) for _ in range(count))
-            while (picture := coming.popleft().result()) is not None:
-                coming.append(worker.submit(next, pictures, None))
-                yield picture
-        finally:
-            worker.shutdown(cancel_futures=True)
 
 
 def _output_info(

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from operator import index
 from typing import Any
 
 import cv2
@@ -38,10 +39,12 @@ class FrameStats:
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """What the first pass over the source found."""
+    """What the first pass over the source found of every frame."""
 
-    stats: tuple[FrameStats, ...]  #: of every frame
-    shown: tuple[int, int]  #: when the first frame appears and the last one ends, ticks
+    stats: tuple[FrameStats, ...]
+    pts: tuple[int, ...]  #: ticks
+    durations: tuple[int, ...]  #: ticks
+    checksums: tuple[int, ...] = ()  #: CRC-32 of the samples; empty = not asked for
 
     def to_json(self) -> dict[str, Any]:
         """Return the analysis as JSON can hold it."""
@@ -50,11 +53,12 @@ class Analysis:
     @classmethod
     def from_json(cls, value: Any) -> Analysis | None:
         """Return an analysis from JSON; None if it has another shape."""
-        match value:
-            case {"stats": list(stats), "shown": [int(first), int(end)]}:
-                with suppress(KeyError, TypeError):
-                    frames = (frame | {"changed": tuple(frame["changed"])} for frame in stats)
-                    return cls(tuple(FrameStats(**frame) for frame in frames), (first, end))
+        with suppress(KeyError, TypeError):
+            frames = (frame | {"changed": tuple(frame["changed"])} for frame in value["stats"])
+            numbers = [tuple(map(index, value[name])) for name in ("pts", "durations", "checksums")]
+            found = cls(tuple(FrameStats(**frame) for frame in frames), *numbers)
+            if {len(found.stats)} == {len(found.pts), len(found.durations)}:
+                return found
         return None
 
 

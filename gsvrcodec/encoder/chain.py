@@ -17,6 +17,7 @@ from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference
 from gsvrcodec.encoder.packed import PackedPictures, Pictures
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.shared import SharedPictures
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from gsvrcodec.limits import Limits
@@ -28,14 +29,15 @@ class ChainFrames:
     """The frames of a chain, by GOP."""
 
     gops: Sequence[range]  #: numbers of the frames
-    pictures: list[Pictures | PackedPictures]  #: (F, H, W, 3) RGB of each; emptied as they go
+    #: (F, H, W, 3) RGB of each; emptied as they go
+    pictures: list[Pictures | PackedPictures | SharedPictures]
     pts: list[Ticks]  #: (F,) ticks of each
     durations: list[Ticks]  #: (F,) ticks of each
 
     def take(self, number: int) -> Pictures:
         """Return the pictures of a GOP, (F, H, W, 3), and let go of them."""
         found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
-        return found.unpacked() if isinstance(found, PackedPictures) else found
+        return found if isinstance(found, np.ndarray) else found.unpacked()
 
 
 def chain_jobs(

@@ -15,6 +15,7 @@ import json
 import os
 import struct
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -42,7 +43,7 @@ _LENGTH = struct.Struct("<I")
 
 
 class Checkpoint:
-    """The finished GOPs of one encode; only one process at a time has them.
+    """The finished GOPs of one encode; only one process at a time has them. Thread-safe.
 
     As a context manager: when the block succeeds the file is removed; when it fails the file
     stays if it holds a GOP, and the error gets a note that says how to go on.
@@ -64,6 +65,7 @@ class Checkpoint:
         self._entries: dict[range, tuple[GopFigures, ChunkEntry]] = {}
         self._analysis: Analysis | None = None
         self._end = 0
+        self._lock = threading.Lock()  # of the place in the file
         self._file: BinaryIO
         content: dict[str, Any] = json.loads(json.dumps(plan))
         if target is None:
@@ -108,6 +110,10 @@ class Checkpoint:
     def __contains__(self, gop: range) -> bool:
         """Tell whether a GOP is finished."""
         return gop in self._entries
+
+    def __iter__(self) -> Iterator[range]:
+        """Yield the GOPs that are finished."""
+        return iter(tuple(self._entries))
 
     def __len__(self) -> int:
         """Return how many GOPs are finished."""
@@ -187,7 +193,7 @@ class Checkpoint:
         self._append(_PLAN, json.dumps(plan).encode())
 
     def _append(self, kind: bytes, payload: bytes) -> ChunkEntry:
-        with named(self.path or "the temporary file"):
+        with self._lock, named(self.path or "the temporary file"):
             entry = ChunkEntry(kind, self._end, len(payload))
             self._file.seek(self._end)
             self._file.truncate()
@@ -239,8 +245,9 @@ class Checkpoint:
             self._entries[gop] = figures, entry
 
     def _read(self, entry: ChunkEntry) -> bytes:
-        self._file.seek(entry.payload_offset)
-        data = self._file.read(entry.end - entry.payload_offset)
+        with self._lock:
+            self._file.seek(entry.payload_offset)
+            data = self._file.read(entry.end - entry.payload_offset)
         return check_payload(entry, data)
 
 

@@ -7,7 +7,7 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -21,32 +21,32 @@ from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
 from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
+from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.chain_reader import ReadHere, ReadThere
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.executors import check_executor, fit_on, workers_of
-from gsvrcodec.encoder.job_queue import all_tasks, missing_frames, processes_for
+from gsvrcodec.encoder.job_queue import all_tasks, processes_for
+from gsvrcodec.encoder.lookahead import Lookahead, Section
 from gsvrcodec.encoder.output import Destination, checked_target, open_output
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.structure import structure
 from gsvrcodec.encoder.verify import verify_file
 from gsvrcodec.encoder.workers import fit_gops
 from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import fingerprint, is_stream
-from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.versions import versions
 from gsvrcodec.video import (
     Extras,
-    Rgb,
     Span,
     VideoInfo,
     VideoReader,
     VideoSource,
+    is_pipe,
     open_video,
     path_of,
     read_extras,
@@ -72,6 +72,7 @@ def encode(
     verify: bool = False,
     progress: Callable[[Progress], None] | None = None,
     executor: Executor | None = None,
+    shared_source: bool = False,
     **settings: Any,
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
@@ -102,6 +103,9 @@ def encode(
             the same, on the same kind of machine. `workers` is then how many chains it does at
             the same time, by default as many as it has workers; `threads` is of each chain, and
             `device="auto"` is resolved by each worker.
+        shared_source: the workers of the `executor` read `src` by themselves: all of them see the
+            file at the same absolute path. Each picture that they read is compared with the
+            checksum of the one that was analysed here. False = frames are sent to them.
         **settings: fields of `EncodeSettings`.
 
     Raises:
@@ -129,37 +133,47 @@ def encode(
         raise UsageError(
             "`resume=True` needs an input that can be read again and an output on a disk"
         )
+    options = reading_options(asdict(chosen))
+    if shared_source and (executor is None or name is None or is_pipe(os.fspath(name))):
+        raise UsageError(
+            "`shared_source` is for the workers of an `executor`, and for a file that they can read"
+        )
     begun_with = {"versions": versions(), **source, "settings": chosen.recorded()}
     with (
         rereadable(src, fps=fps, part=chosen.part) as path,
-        open_video(path, **reading_options(asdict(chosen))) as video,
+        open_video(path, **options) as video,
         Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
+        Lookahead(video, chosen, checkpoint, checksums=shared_source) as lookahead,
     ):
-        # Analyse: where GOPs begin and end, and which are predicted from the one before.
-        analysis = _analysis(video, chosen, checkpoint)
-        stats, shown = analysis.stats, analysis.shown
         size = video.info.width, video.info.height
-        duration = float((shown[1] - shown[0]) * video.info.time_base)
-        chains = structure(stats, size, chosen, seconds=duration)
-        gops = [gop for chain in chains for gop in chain]
-        if not gops:
+        # Analyse, ahead of the fits: where GOPs begin, and which are predicted.
+        if not lookahead.until(bool):
             raise NotAVideoError(f"{path} has no video frames")
+        gops, stats = lookahead.gops, lookahead.stats
 
-        # Plan: what each GOP gets.
-        extras = read_extras(path, chosen.copied_kinds, _span(shown, video.info.time_base, chosen))
+        # Plan each section: what its GOPs get.
+        extras = read_extras(path, chosen.copied_kinds, _span(lookahead, video.info, chosen))
         begin = partial(_begin, info=video.info, settings=chosen, extras=extras)
-        empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
-        planned = plan(
-            chains,
-            stats,
-            size,
-            chosen,
-            seconds=duration,
-            overhead=empty.final_size(len(gops), 0),
-            streams=extras.streams_bytes,
-        )
+        planned: list[Budget] = []
+
+        def budgets_of(section: Section) -> list[Budget]:
+            taken = _taken(begin, extras, gops) if chosen.has_size else {}
+            found = plan(section.chains, stats, size, chosen, seconds=section.seconds, **taken)
+            planned.extend(found)
+            return found
 
         # Fit: chains side by side, the GOPs of each one after another.
+        todo = partial(all_tasks, lookahead.sections(), budgets_of, chosen, checkpoint, began)
+        if executor is None:
+            workers, threads = processes_for(lookahead, checkpoint, video.info, chosen)
+            at_once: Callable[[], int] = partial(int, workers)
+            tasks = todo(ReadHere(video, pack=False), workers)
+            fit = fit_gops((task.jobs() for task in tasks), workers, threads)
+        else:
+            at_once = partial(workers_of, executor, chosen.workers)
+            reader = ReadThere(video, options, lookahead) if shared_source else None
+            tasks = todo(reader or ReadHere(video, pack=True), at_once())
+            fit = fit_on(executor, tasks, chosen.workers, chosen.threads)
         check = partial(
             _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
         )
@@ -171,17 +185,7 @@ def encode(
             checkpoint=checkpoint,
             check=check if verify else None,
         )
-        missing = [chain for chain in chains if missing_frames(chain, checkpoint)]
-        todo = partial(all_tasks, video, chains, planned, chosen, checkpoint)
-        if executor is None:
-            workers, threads = processes_for(missing, size, chosen)
-            at_once: Callable[[], int] = partial(int, workers)
-            fit = fit_gops((task.jobs() for task in todo(workers, began)), workers, threads)
-        else:
-            at_once = partial(workers_of, executor, chosen.workers)
-            tasks = todo(at_once(), began, pack=True)
-            fit = fit_on(executor, tasks, chosen.workers, chosen.threads)
-        meter = Meter(gops, checkpoint, began, progress, chains=chains, workers=at_once)
+        meter = Meter(lookahead, checkpoint, began, progress, video.expected_frames, at_once)
         meter.report()
         with open_output(destination) as output:
             with closing(fit) as fitted:
@@ -211,31 +215,22 @@ def encode(
     )
 
 
-def _analysis(video: VideoReader, settings: EncodeSettings, checkpoint: Checkpoint) -> Analysis:
-    """The analysis of the source: from the checkpoint, or made and kept there."""
-    if checkpoint.analysis is not None:
-        return checkpoint.analysis
-    shown = [0, 0]
-
-    def pictures() -> Iterator[Rgb]:
-        for number, frame in enumerate(video):
-            shown[:] = shown[0] if number else frame.pts, frame.pts + frame.duration
-            yield frame.rgb
-
-    stats = tuple(analyse(pictures(), flow_estimator(settings.flow)))
-    analysis = Analysis(stats, (shown[0], shown[1]))
-    checkpoint.keep_analysis(analysis)
-    return analysis
-
-
-def _span(shown: tuple[int, int], time_base: Fraction, settings: EncodeSettings) -> Span:
+def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
     """The time to keep of sound and subtitles: all of it at an end where no frame is cut off."""
-    return Span(
-        shown[0] * time_base
-        if settings.start_frame or settings.start_seconds is not None
-        else None,
-        shown[1] * time_base if settings.frames or settings.stop_seconds is not None else None,
-    )
+    start = stop = None
+    if settings.start_frame or settings.start_seconds is not None:
+        start = lookahead.pts[0] * info.time_base
+    if settings.frames or settings.stop_seconds is not None:
+        stop = lookahead.end() * info.time_base
+    return Span(start, stop)
+
+
+def _taken(
+    begin: Callable[..., GsvrWriter], extras: Extras, gops: Sequence[range]
+) -> dict[str, int]:
+    """Bytes of a file that are not those of GOPs, as arguments of `plan`."""
+    empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
+    return {"overhead": empty.final_size(len(gops), 0), "streams": extras.streams_bytes}
 
 
 def _check(

@@ -1,4 +1,4 @@
-"""Plan of an encode: the budget of every GOP, before the first is fitted."""
+"""Plan of an encode: the budget of every GOP of a section, before the first is fitted."""
 
 from __future__ import annotations
 
@@ -42,18 +42,19 @@ def plan(
     settings: EncodeSettings,
     *,
     seconds: float,
-    overhead: int,
+    overhead: int = 0,
     streams: int = 0,
 ) -> list[Budget]:
-    """Budgets of all GOPs; none depends on the result of another's fit.
+    """Budgets of all GOPs of a section; none depends on the result of another's fit.
 
     Args:
-        chains: Frames of each GOP.
-        stats: Statistics of every frame.
+        chains: Frames of each GOP, one after another.
+        stats: Statistics of every frame of the film up to the end of the section.
         size: Width and height, pixels.
         settings: Of the encode.
-        seconds: Duration of the video.
-        overhead: Bytes of the file that are neither payloads of GOPs nor copied streams.
+        seconds: Duration of the section.
+        overhead: Bytes of the file that are neither payloads of GOPs nor copied streams; for a
+            size alone, for which the section is the whole film.
         streams: Bytes of the copied streams; part of `target_size` alone.
 
     Raises:
@@ -62,7 +63,8 @@ def plan(
     if not settings.has_target:
         counts = allocate(chains, size, settings)
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]
-    psnr = expected_psnr(stats, size, settings, seconds=seconds)
+    section = stats[chains[0][0].start : chains[-1][-1].stop]
+    psnr = expected_psnr(section, size, settings, seconds=seconds)
     stats_of = [stats[chain[0].start : chain[-1].stop] for chain in chains]
     area = size[0] * size[1]
     qscale = None if settings.quality is None else qscale_of(settings.quality)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.slicing import Chain
@@ -15,70 +16,79 @@ class Progress:
     """State of an encode after a GOP, or before the first (`gop` 0)."""
 
     gop: int  #: GOPs done
-    gops: int  #: GOPs in all
+    gops: int  #: GOPs in all, of what is analysed
     frames_done: int
-    frames: int  #: in all
+    frames: int  #: in all; what the container tells until all of them are analysed
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go
     chains_done: int = 0  #: chains of GOPs of which all are done
-    chains: int = 0  #: in all
+    chains: int = 0  #: in all, of what is analysed
     workers: int = 1  #: chains that can be fitted at the same time, now
+    analysed: bool = True  #: whether the whole film is analysed, so that all numbers are final
+
+
+class Known(Protocol):
+    """The GOPs of a film, as far as they are known."""
+
+    gops: list[range]  #: frames of each
+    chains: list[Chain]
+    complete: bool  #: whether these are all
 
 
 class Meter:
     """Reports how far an encode has come.
 
     Args:
-        gops: frames of each GOP.
+        known: has the GOPs and chains of the film that are known so far.
         checkpoint: keeps those that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
-        chains: of the GOPs; None = not told.
+        expected: frames of the film, as its container tells; None = it does not.
         workers: tells how many chains can be fitted at the same time now.
     """
 
     def __init__(
         self,
-        gops: Sequence[range],
+        known: Known,
         checkpoint: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
-        *,
-        chains: Sequence[Chain] = (),
+        expected: int | None = None,
         workers: Callable[[], int] = lambda: 1,
     ) -> None:
-        self._gops, self._checkpoint = gops, checkpoint
+        self._known, self._checkpoint = known, checkpoint
         self._began, self._progress = began, progress
-        self._chains, self._workers = chains, workers
-        self._resumed = sum(map(len, self._done()))
+        self._expected, self._workers = expected, workers
+        self._resumed = set(checkpoint)
 
     def report(self) -> None:
         """Call back."""
         if self._progress is None:
             return
-        done = self._done()
-        frames, frames_done = self._gops[-1].stop, sum(map(len, done))
+        complete = self._known.complete  # asked first, so that what follows belongs to it
+        gops, chains = self._known.gops[:], self._known.chains[:]
+        done = [gop for gop in gops if gop in self._checkpoint]
+        frames, frames_done = gops[-1].stop, sum(map(len, done))
+        fitted = sum(len(gop) for gop in done if gop not in self._resumed)
+        if not complete:
+            frames = max(frames, self._expected or 0)
         pace = None
-        if frames_done > self._resumed:
-            pace = (time.perf_counter() - self._began) / (frames_done - self._resumed)
+        if fitted:
+            pace = (time.perf_counter() - self._began) / fitted
         total = sum(self._checkpoint.figures(gop).psnr * len(gop) for gop in done)
         self._progress(
             Progress(
                 gop=len(done),
-                gops=len(self._gops),
+                gops=len(gops),
                 frames_done=frames_done,
                 frames=frames,
                 psnr=total / frames_done if done else None,
                 seconds_per_frame=pace,
                 eta_seconds=None if pace is None else pace * (frames - frames_done),
-                chains_done=sum(
-                    all(gop in self._checkpoint for gop in chain) for chain in self._chains
-                ),
-                chains=len(self._chains),
+                chains_done=sum(all(gop in self._checkpoint for gop in chain) for chain in chains),
+                chains=len(chains),
                 workers=self._workers(),
+                analysed=complete,
             )
         )
-
-    def _done(self) -> list[range]:
-        return [gop for gop in self._gops if gop in self._checkpoint]

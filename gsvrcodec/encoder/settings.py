@@ -119,6 +119,17 @@ class EncodeSettings:
         return [name for name in _SIZES if getattr(self, name) is not None]
 
     @property
+    def has_size(self) -> bool:
+        """Whether a size of the whole file is to be met."""
+        return any(name in ("bpp", "bitrate", "target_size") for name in self._sizes)
+
+    @property
+    def shares_out(self) -> bool:
+        """Whether bits, numbers or time are shared out over the whole film."""
+        by_frame = (self.quality, self.target_psnr, self.gaussians)
+        return self.time_budget is not None or by_frame == (None, None, None)
+
+    @property
     def predicts(self) -> bool:
         """Whether GOPs may be predicted from the one before.
 

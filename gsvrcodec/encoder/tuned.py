@@ -33,6 +33,15 @@ class _Analysis:
 
 
 @dataclass(frozen=True, slots=True)
+class _Lookahead:
+    """How much of a shot is planned together."""
+
+    #: seconds; twice of it are analysed before the fit of a longer shot begins, and eight chains of
+    #: the default length keep a machine busy while the next are analysed
+    seconds: float = 32.0
+
+
+@dataclass(frozen=True, slots=True)
 class _GopLength:
     """Longest adaptive GOP. Bunny at 0.015 to 0.11 bpp; bunny-rate-2s.json."""
 
@@ -152,6 +161,7 @@ class _Processes:
 
 
 ANALYSIS = _Analysis()
+LOOKAHEAD = _Lookahead()
 GOP_LENGTH = _GopLength()
 RATE = _Rate()
 CRF = _Crf()

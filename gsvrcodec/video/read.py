@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
 import av
+from av.container import InputContainer
+from av.video.stream import VideoStream
 
-from gsvrcodec.errors import UnsupportedError, UsageError
+from gsvrcodec.errors import NotAVideoError, UnsupportedError, UsageError
 from gsvrcodec.video.colour import KNOWN_MATRICES, Rgb, to_rgb
 from gsvrcodec.video.deinterlace import deinterlaced
 from gsvrcodec.video.orientation import upright
@@ -86,25 +89,71 @@ class VideoReader:
             raise ValueError("the video is closed")
         return self._chosen()
 
+    @property
+    def expected_frames(self) -> int | None:
+        """How many of the chosen frames there are by the container; None = it does not tell."""
+        info, part = self.info, self._part
+        rate = float(info.average_rate or 0)
+        total = info.frames
+        if total is None and info.duration is not None and rate:
+            total = round(float(info.duration) * rate)
+        if total is None:
+            return None
+        found = total - max(part.start_frame, round(float(part.start_seconds or 0) * rate))
+        if part.stop_seconds is not None and rate:
+            found -= max(0, total - round(float(part.stop_seconds) * rate))
+        return max(0, found if part.frames is None else min(found, part.frames))
+
+    def from_key(self, pts: int | None) -> Iterator[tuple[int, Callable[[], Rgb]]]:
+        """Yield all frames from the key frame at or before a timestamp on, chosen or not.
+
+        Args:
+            pts: Ticks of the time base; None = from the first frame.
+
+        Yields:
+            The timestamp of a frame, and a function that returns its picture, (H, W, 3), cropped.
+
+        Raises:
+            NotAVideoError: The file cannot be sought.
+        """
+        info = self.info
+        with opened(info.path, self._rate) as (container, stream):
+            if pts is not None:
+                try:
+                    container.seek(pts, stream=stream)
+                except av.FFmpegError as error:
+                    raise NotAVideoError(f"{info.path} cannot be sought") from error
+            for frame, now in self._placed(container, stream, self._timeline(stream)):
+                yield now, partial(self._picture, frame, f"{float(now * info.time_base):g} s")
+
+    def _timeline(self, stream: VideoStream) -> Timeline:
+        info = self.info
+        return Timeline(str(info.path), info.time_base, self._rate or stream.guessed_rate)
+
+    def _placed(
+        self, container: InputContainer, stream: VideoStream, timeline: Timeline
+    ) -> Iterator[tuple[av.VideoFrame, int]]:
+        """Yield whole frames and their timestamps, ticks."""
+        frames = decoded(container, stream)
+        for frame in deinterlaced(frames, stream) if self._deinterlace else frames:
+            # An explicit rate overrides the durations of a raw stream.
+            yield frame, timeline.place(frame.pts, frame.duration if self._rate is None else 0)
+
     def _chosen(self) -> Iterator[SourceFrame]:
         """Yield the chosen frames; each waits for the next frame's timestamp, its end."""
         info, part = self.info, self._part
         held: tuple[Rgb, int] | None = None
         count = given = 0
         with opened(info.path, self._rate) as (container, stream):
-            timeline = Timeline(str(info.path), info.time_base, self._rate or stream.guessed_rate)
-            frames = decoded(container, stream)
-            for frame in deinterlaced(frames, stream) if self._deinterlace else frames:
-                # An explicit rate overrides the durations of a raw stream.
-                duration = frame.duration if self._rate is None else 0
-                pts = timeline.place(frame.pts, duration)
+            timeline = self._timeline(stream)
+            for frame, pts in self._placed(container, stream, timeline):
                 if held is not None:
                     yield SourceFrame(*held, duration=pts - held[1])
                     held = None
                 if part.starts(count, pts, info.time_base):
                     if part.ends(given, pts, info.time_base):
                         break
-                    held = self._picture(frame, count), pts
+                    held = self._picture(frame, f"frame {count}"), pts
                     given += 1
                 count += 1
             else:
@@ -122,15 +171,15 @@ class VideoReader:
                 where = "no frame starts in the chosen time"
             raise UsageError(f"{where}: {info.path} has {count} frames")
 
-    def _picture(self, frame: av.VideoFrame, number: int) -> Rgb:
-        """Return the cropped picture of frame `number`."""
+    def _picture(self, frame: av.VideoFrame, where: str) -> Rgb:
+        """Return the cropped picture of a frame; `where` it is, for messages."""
         info = self.info
         size = (frame.height, frame.width) if self._turned[0] % 180 else (frame.width, frame.height)
         if size != (info.source_width, info.source_height):
             raise UnsupportedError(
                 f"{info.path}: the picture size changes from "
                 f"{info.source_width}x{info.source_height} to {size[0]}x{size[1]} "
-                f"at frame {number}"
+                f"at {where}"
             )
         rows = slice(info.crop_y, info.crop_y + info.height)
         rgb = upright(to_rgb(frame), *self._turned)

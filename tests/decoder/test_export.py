@@ -14,7 +14,8 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec import Decoder
-from gsvrcodec.decoder.export import DecodeResult, _ahead
+from gsvrcodec.ahead import ahead
+from gsvrcodec.decoder.export import DecodeResult
 from gsvrcodec.decoder.schedule import SteadyRate, StoredFrames, TimedPicture, schedule
 from gsvrcodec.errors import CorruptError, LimitError, OutputError, UsageError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video
@@ -268,9 +269,9 @@ class TestAhead:
                 made.append(number)
                 yield TimedPicture(PICTURE, number, 1)
 
-        with closing(_ahead(pictures(), 7)) as ahead:
+        with closing(ahead(pictures(), 7, "made")) as items:
             for number in range(1, 41):
-                assert next(ahead).pts == number
+                assert next(items).pts == number
         assert made == list(range(1, len(made) + 1))
         assert len(made) <= 40 + 8
 

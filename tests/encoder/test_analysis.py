@@ -87,27 +87,36 @@ class TestAnalyse:
 
 
 class TestKept:
-    ANALYSIS = Analysis((FrameStats(0.0, True, 0.0, 0.1 + 0.2), FrameStats(1.5, False)), (-3, 900))
+    ANALYSIS = Analysis(
+        (FrameStats(0.0, True, 0.0, 0.1 + 0.2), FrameStats(1.5, False)), (-3, 900), (903, 40)
+    )
 
     def test_json_brings_it_back(self) -> None:
         text = json.dumps(self.ANALYSIS.to_json())
         assert Analysis.from_json(json.loads(text)) == self.ANALYSIS
 
     @pytest.mark.parametrize(
-        "value",
+        "changed",
         [
-            None,
-            [],
-            {},
-            {"stats": [], "shown": [1]},
-            {"stats": [], "shown": [1, None]},
-            {"stats": {}, "shown": [1, 2]},
-            {"stats": [{"motion": 1.0}], "shown": [1, 2]},
-            {"stats": [{"motion": 1.0, "cut": True, "speed": 2}], "shown": [1, 2]},
-            {"stats": [{"motion": 1.0, "cut": True, "changed": 3}], "shown": [1, 2]},
-            {"stats": [3], "shown": [1, 2]},
+            {"stats": 3},
+            {"stats": [3, 3]},
+            {"stats": {}},
+            {"stats": [{"motion": 1.0}] * 2},
+            {"stats": [{"motion": 1.0, "cut": True, "speed": 2, "changed": [1]}] * 2},
+            {"stats": [{"motion": 1.0, "cut": True, "changed": 3}] * 2},
+            {"pts": [1]},
+            {"pts": [1, None]},
+            {"durations": [1, 2.5]},
+            {"durations": 1},
+            {"checksums": None},
         ],
         ids=str,
     )
-    def test_another_shape_is_none(self, value: Any) -> None:
+    def test_another_shape_is_none(self, changed: dict[str, Any]) -> None:
+        value = json.loads(json.dumps(self.ANALYSIS.to_json()))
+        assert Analysis.from_json(value) is not None
+        assert Analysis.from_json(value | changed) is None
+
+    @pytest.mark.parametrize("value", [None, [], {}, 3], ids=str)
+    def test_no_object_is_none(self, value: Any) -> None:
         assert Analysis.from_json(value) is None

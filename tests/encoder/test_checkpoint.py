@@ -19,7 +19,7 @@ PLAN: dict[str, Any] = {"version": "1", "settings": {"seed": 0, "crop": (1, 2), 
 FIRST, SECOND = range(0, 3), range(3, 9)
 FIGURES = GopFigures(psnr=0.1 + 0.2, float_psnr=99.0, seconds=float("inf"))
 OTHERS = GopFigures(psnr=30.0, float_psnr=30.5, seconds=1.0)
-ANALYSIS = Analysis((FrameStats(1.5, True),), (0, 40))
+ANALYSIS = Analysis((FrameStats(1.5, True),), (0,), (40,), (2**32 - 1,))
 
 
 def opened(

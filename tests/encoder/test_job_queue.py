@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.budget import Budget
+from gsvrcodec.encoder.chain_reader import ReadHere
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.job_queue import all_tasks, finished_gops, missing_frames, processes_for
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.lookahead import Lookahead, Section
 from gsvrcodec.encoder.results import GopFigures
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.slicing import Chain
@@ -52,6 +55,18 @@ def holding(*gops: range) -> Checkpoint:
     return checkpoint
 
 
+def sections(chains: list[Chain], settings: EncodeSettings) -> Iterator[Section]:
+    """All chains as one section if something is shared out, else two sections."""
+    parts = [chains] if settings.shares_out else [chains[:1], chains[1:]]
+    return (Section(part, 1.0) for part in parts)
+
+
+def budgets(section: Section) -> list[Budget]:
+    """The budgets of a section of CHAINS."""
+    first = [gop.start for gop in GOPS].index(section.chains[0][0].start)
+    return BUDGETS[first : first + sum(map(len, section.chains))]
+
+
 def jobs(
     film: Path,
     *finished: range,
@@ -69,7 +84,8 @@ def jobs(
             for chain, results in zip(chains, RESULTS, strict=True)
             if missing_frames(chain, checkpoint)
         ]
-        queue = all_tasks(video, chains, BUDGETS, chosen, checkpoint, workers, began)
+        reader, parts = ReadHere(video, pack=False), sections(chains, chosen)
+        queue = all_tasks(parts, budgets, chosen, checkpoint, began, reader, workers)
         for task, results in zip(queue, answers, strict=True):
             found += driven(task.jobs(), results)
     return found
@@ -132,7 +148,9 @@ class TestAllTasks:
     def test_frames_are_read_when_a_chain_is_asked_for(self, film: Path) -> None:
         with open_video(film) as video, holding() as checkpoint:
             longer = [*CHAINS[:2], [range(10, 15)]]
-            queue = all_tasks(video, longer, BUDGETS, EncodeSettings(), checkpoint, 1, 0.0)
+            chosen, reader = EncodeSettings(), ReadHere(video, pack=False)
+            parts = sections(longer, chosen)
+            queue = all_tasks(parts, budgets, chosen, checkpoint, 0.0, reader, 1)
             assert next(next(queue).jobs()).first_frame == 0
             assert next(next(queue).jobs()).first_frame == 4
             with pytest.raises(InputError, match="became shorter while it was read"):
@@ -159,11 +177,21 @@ def test_what_is_missing() -> None:
         ({"device": "cpu", "time_budget": 1e4}, 3),
     ],
 )
-def test_processes(settings: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes(
+    settings: dict[str, Any], count: int, film: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("gsvrcodec.encoder.workers._available_bytes", lambda: 2**40)
+    assert processes_of(film, **settings) == (count, 4)
+
+
+def test_no_processes_for_nothing(film: Path) -> None:
+    assert processes_of(film, *GOPS)[0] == 1
+
+
+def processes_of(film: Path, *finished: range, **settings: Any) -> tuple[int, int]:
+    """Processes and threads for CHAINS, on four cores."""
     chosen = EncodeSettings(threads=4, **settings)
-    assert processes_for(CHAINS, (32, 24), chosen) == (count, 4)
-
-
-def test_no_processes_for_nothing() -> None:
-    assert processes_for([], (32, 24), EncodeSettings(threads=4))[0] == 1
+    with open_video(film) as video, holding(*finished) as checkpoint:
+        lookahead = Lookahead(video, chosen, checkpoint)
+        lookahead.chains, lookahead.complete = CHAINS, True
+        return processes_for(lookahead, checkpoint, video.info, chosen)

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.results import GopFigures
+from gsvrcodec.encoder.slicing import Chain
 
 GOPS = [range(4), range(4, 10), range(10, 12)]
+
+
+@dataclass
+class Film:
+    gops: list[range]
+    chains: list[Chain]
+    complete: bool = True
 
 
 def figures(psnr: float) -> GopFigures:
@@ -20,9 +30,10 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("time.perf_counter", lambda: now)
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         checkpoint.add(GOPS[0], figures(30.0), b"")
-        chains = [GOPS[:2], GOPS[2:]]
-        meter = Meter(GOPS, checkpoint, 90.0, calls.append, chains=chains, workers=lambda: 3)
+        film = Film(GOPS[:2], [GOPS[:2]], complete=False)
+        meter = Meter(film, checkpoint, 90.0, calls.append, 11, lambda: 3)
         meter.report()
+        film.gops, film.chains, film.complete = GOPS, [GOPS[:2], GOPS[2:]], True
         checkpoint.add(GOPS[2], figures(36.0), b"")
         meter.report()
         now = 110.0
@@ -30,8 +41,11 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
         meter.report()
     assert [call.gop for call in calls] == [1, 2, 3]
     assert [call.chains_done for call in calls] == [0, 1, 2]
-    assert {(call.chains, call.workers) for call in calls} == {(2, 3)}
-    assert {(call.gops, call.frames) for call in calls} == {(3, 12)}
+    assert {call.workers for call in calls} == {3}
+    assert [(call.gops, call.chains, call.frames) for call in calls] == [
+        *((2, 1, 11), (3, 2, 12), (3, 2, 12)),
+    ]
+    assert [call.analysed for call in calls] == [False, True, True]
     assert [call.frames_done for call in calls] == [4, 6, 12]
     assert [call.psnr for call in calls] == [30.0, 32.0, 32.5]
     # What was there before says nothing about the pace.
@@ -41,4 +55,4 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nobody_wants_to_know() -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
-        Meter(GOPS, checkpoint, 0.0, None).report()
+        Meter(Film(GOPS, [GOPS]), checkpoint, 0.0, None).report()

@@ -1,0 +1,190 @@
+"""The first pass over a source, ahead of the fits: statistics of frames, and where GOPs begin."""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import count
+from math import ceil, inf
+from types import TracebackType
+from typing import Self
+
+from gsvrcodec.ahead import ahead
+from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.shared import checksum
+from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.structure import structure
+from gsvrcodec.encoder.tuned import LOOKAHEAD
+from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.video import Rgb, VideoReader
+
+#: Frames that are read before they are analysed.
+_READ_AHEAD = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Frames that are planned together."""
+
+    chains: list[Chain]  #: their numbers, by GOP
+    seconds: float  #: that they last
+
+
+class Lookahead:
+    """Analyses a film in a thread, and slices it section by section.
+
+    A section is a shot. A long shot is divided, so that its fit can begin before its end is known.
+    Where bits or time are shared out, the whole film is one section. The attributes say what is
+    known so far, and grow until the film is `complete`.
+
+    As a context manager it ends the thread.
+
+    Args:
+        video: the source.
+        settings: of the encode.
+        checkpoint: has the analysis, or keeps it when it is complete.
+        checksums: whether to take the checksum of each picture.
+    """
+
+    def __init__(
+        self,
+        video: VideoReader,
+        settings: EncodeSettings,
+        checkpoint: Checkpoint,
+        *,
+        checksums: bool = False,
+    ) -> None:
+        self.stats: list[FrameStats] = []  #: of each frame
+        self.pts: list[int] = []  #: of each frame, ticks
+        self.durations: list[int] = []  #: of each frame, ticks
+        self.checksums: list[int] = []  #: CRC-32 of the samples of each frame, if asked for
+        self.chains: list[Chain] = []
+        self.gops: list[range] = []
+        self.complete = False
+        self._video, self._settings, self._checkpoint = video, settings, checkpoint
+        self._summed = checksums
+        self._sections: list[Section] = []
+        self._error: BaseException | None = None
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="gsvr-lookahead", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Start the thread; an analysis that was kept needs none."""
+        kept = self._checkpoint.analysis
+        if kept is None or len(kept.checksums) < self._summed * len(kept.stats):
+            self._thread.start()
+        else:
+            self.pts += kept.pts
+            self.durations += kept.durations
+            self.checksums += kept.checksums
+            self._slice(iter(kept.stats))
+            self.complete = True
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the thread, after the frame that it is at."""
+        self._closed = True
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def sections(self) -> Iterator[Section]:
+        """Yield the sections, each when it is known; raises what reading the source raises."""
+        for number in count():
+            self._wait(lambda known=number: len(self._sections) > known)  # type: ignore[misc]
+            if number == len(self._sections):
+                return
+            yield self._sections[number]
+
+    def until(self, enough: Callable[[list[Chain]], bool]) -> list[Chain]:
+        """Wait for enough chains, or for the end of the film; return those that are known."""
+        self._wait(lambda: enough(self.chains))
+        return self.chains[:]
+
+    def end(self) -> int:
+        """Return when the last frame ends, ticks, after waiting for it."""
+        self._wait(lambda: False)
+        return self.pts[-1] + self.durations[-1] if self.pts else 0
+
+    def _wait(self, met: Callable[[], bool]) -> None:
+        """Wait until a condition is met or the film is complete."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._error or self.complete or met())
+            if self._error is not None:
+                raise self._error
+
+    def _run(self) -> None:
+        try:
+            self._slice(self._analysed())
+            if not self._closed:
+                kept = (self.stats, self.pts, self.durations, self.checksums)
+                self._checkpoint.keep_analysis(Analysis(*map(tuple, kept)))  # type: ignore[arg-type]
+        except BaseException as error:
+            self._error = error
+        with self._changed:
+            self.complete = True
+            self._changed.notify_all()
+
+    def _analysed(self) -> Iterator[FrameStats]:
+        """Analyse the source, until this is closed."""
+        with closing(ahead(iter(self._video), _READ_AHEAD, "gsvr-read")) as frames:
+
+            def pictures() -> Iterator[Rgb]:
+                for frame in frames:
+                    if self._closed:
+                        return
+                    self.pts.append(frame.pts)
+                    self.durations.append(frame.duration)
+                    if self._summed:
+                        self.checksums.append(checksum(frame.rgb))
+                    yield frame.rgb
+
+            yield from analyse(pictures(), flow_estimator(self._settings.flow))
+
+    def _slice(self, analysed: Iterator[FrameStats]) -> None:
+        """Cut the film into sections."""
+        longest, whole = self._longest_section(), self._settings.shares_out
+        begin = 0
+        for number, stats in enumerate(analysed):
+            self.stats.append(stats)
+            now = self.pts[number]
+            if whole or number == begin:
+                continue
+            if stats.cut:
+                self._add(begin, number)
+                begin = number
+            elif now - self.pts[begin] >= 2 * longest:
+                middle = bisect_left(self.pts, self.pts[begin] + longest, begin, number)
+                self._add(begin, middle)
+                begin = middle
+        if begin < len(self.stats) and not self._closed:
+            self._add(begin, len(self.stats))
+
+    def _longest_section(self) -> float:
+        """Duration from which on twice as long a shot is divided: of whole chains, ticks."""
+        keyint = self._settings.keyint
+        seconds = ceil(LOOKAHEAD.seconds / keyint) * keyint if keyint else LOOKAHEAD.seconds
+        return seconds / float(self._video.info.time_base) if seconds < inf else inf
+
+    def _add(self, begin: int, end: int) -> None:
+        """Slice a section and make it known."""
+        info, stats = self._video.info, self.stats[begin:end]
+        ticks = sum(self.durations[begin:end])
+        seconds = float(ticks * info.time_base)
+        found = structure(stats, (info.width, info.height), self._settings, seconds=seconds)
+        chains = [[range(begin + gop.start, begin + gop.stop) for gop in chain] for chain in found]
+        with self._changed:
+            self.chains += chains
+            self.gops += [gop for chain in chains for gop in chain]
+            self._sections.append(Section(chains, seconds))
+            self._changed.notify_all()
