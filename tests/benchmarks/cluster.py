@@ -1,7 +1,8 @@
 """Executors and a cluster on this machine: `python -m tests.benchmarks.cluster WHAT`.
 
-* same: local workers, Python's executor, loky (if installed) and Dask, with 2 workers each, give
-  the same bytes; wall and CPU time of each, median of --runs, workers started anew for each run.
+* same: local workers, Python's executor, Dask and, if installed, loky, Ray and MPI, with 2 workers
+  each, give the same bytes; wall and CPU time of each, median of --runs, workers started anew for
+  each run. CPU time leaves out processes that Ray and MPI start by others.
 * killed: three workers, one of which is killed with -9 half-way.
 * lost: the scheduler is killed half-way; the encode is resumed.
 * memory: most memory of client and scheduler while a film of 1280x720 goes to three workers. They
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib.util
 import multiprocessing
 import os
 import statistics
@@ -36,7 +38,7 @@ from gsvrcodec.errors import ClusterError
 from gsvrcodec.video import open_video, open_writer
 from tests import making
 from tests.benchmarks.machine import machine
-from tests.encoder.clusters import Machines, machines
+from tests.encoder.clusters import Machines, example, machines
 
 #: Ten chains of 20 frames, of two GOPs each.
 SETTINGS: dict[str, Any] = {
@@ -110,6 +112,20 @@ def same(directory: Path, source: Path, runs: int, names: str) -> None:
         with machines(2) as two, gsvrcodec.Cluster(two.address) as found:
             yield joined(found, 2)
 
+    @contextmanager
+    def ray() -> Iterator[Executor]:
+        ray = importlib.import_module("ray")
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+        names: dict[str, Any] = {"__name__": "example"}
+        exec(example("ray"), names)
+        yield names["RayExecutor"]()
+        ray.shutdown()
+
+    def mpi() -> AbstractContextManager[Executor]:
+        os.environ.update(OMPI_MCA_rmaps_base_oversubscribe="1")  # more processes than cores
+        pool: Executor = importlib.import_module("mpi4py.futures").MPIPoolExecutor(2)
+        return pool
+
     spawn = multiprocessing.get_context("spawn")
     kinds: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
         "local": lambda: nullcontext(),
@@ -122,6 +138,11 @@ def same(directory: Path, source: Path, runs: int, names: str) -> None:
         kinds["loky"] = lambda: loky.ProcessPoolExecutor(2)
     except ImportError:
         print("loky is not installed")
+    kinds |= {"Ray": ray, "MPI": mpi}
+    for name, package in (("Ray", "ray"), ("MPI", "mpi4py")):
+        if importlib.util.find_spec(package) is None:
+            print(f"{package} is not installed")
+            del kinds[name]
     kinds = {name: kind for name, kind in kinds.items() if name in names.split(",")}
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in kinds}
     for _ in range(runs):
@@ -267,7 +288,7 @@ class Memory:
 @click.command()
 @click.argument("what", type=click.Choice(["same", "killed", "lost", "memory"]))
 @click.option("--runs", default=3, show_default=True, type=click.IntRange(min=1))
-@click.option("--only", default="local,ProcessPoolExecutor,Dask,loky", show_default=True)
+@click.option("--only", default="local,ProcessPoolExecutor,Dask,loky,Ray,MPI", show_default=True)
 @click.option("--frames", default=2000, show_default=True, help="Of the film for memory.")
 def main(what: str, runs: int, only: str, frames: int) -> None:
     """Measure executors and clusters."""

@@ -1,9 +1,13 @@
-"""Clusters for tests: a scheduler and workers on the loopback, each a process of its own."""
+"""Clusters for tests: a scheduler and workers on the loopback, each a process of its own.
+
+And the executors of docs/cluster.md.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -68,3 +72,13 @@ def machines(
             for process in started:
                 process.kill()
                 process.wait()
+
+
+def example(package: str) -> str:
+    """Return the example of docs/cluster.md that imports this package beside gsvrcodec."""
+    page = (ROOT / "docs" / "cluster.md").read_text("utf-8")
+    section = page.partition("## Other executors")[2]
+    blocks = re.findall(r"^```python\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+    imports = re.compile(rf"^(import|from) {package}\b", re.MULTILINE)
+    (found,) = (block for block in blocks if imports.search(block))
+    return str(found)
