@@ -32,7 +32,8 @@ _GROUPS = {
     "Size and quality (at most one)": (
         *("crf", "params", "gaussians", "bpp", "bitrate", "target_size", "target_psnr"),
     ),
-    "Effort": ("preset", "time_budget", "workers", "threads", "device", "cluster"),
+    "Effort": ("preset", "time_budget", "workers", "threads", "device"),
+    "Cluster": ("cluster", "shared_source"),
     "Input": ("rate", "bake_rotation", "deinterlace"),
     "Part of the film": ("crop", "start_frame", "frames", "start_seconds", "stop_seconds"),
     "Sound and subtitles": ("audio", "subtitles"),
@@ -117,6 +118,12 @@ def main(args: Sequence[str] | None = None) -> int:
     metavar="ADDRESS",
     help="Fit on the workers of a Dask cluster: tcp://host:8786, a scheduler file NAME.json, or "
     "auto = the address in DASK_SCHEDULER_ADDRESS. Does not change the file.",
+)
+@click.option(
+    "--shared-source",
+    is_flag=True,
+    help="The workers of the cluster read INPUT by themselves, at the same path as here; otherwise "
+    "frames are sent to them.",
 )
 @click.option(
     "--crop",
@@ -267,6 +274,7 @@ def command(
     progress: str,
     quiet: bool,
     cluster: str | None,
+    shared_source: bool,
     **settings: Any,
 ) -> None:
     """Encode a video as a .gsvr file.
@@ -282,7 +290,7 @@ def command(
     ffmpeg -i in.mp4 -f yuv4mpegpipe - | gsvrenc - out.gsvr
     gsvrenc --params 3M --time-budget 2 --crop 1280:640 in.mp4 out.gsvr
     gsvrenc --resume --progress json in.mp4 out.gsvr | jq .psnr
-    gsvrenc --cluster tcp://scheduler:8786 in.mp4 out.gsvr
+    gsvrenc --cluster tcp://scheduler:8786 --shared-source /films/in.mp4 out.gsvr
     """
     from gsvrcodec.files import check_input, check_output
     from gsvrcodec.video.read import open_video, reading_options
@@ -290,6 +298,10 @@ def command(
 
     if [target, stats, "-" if progress == "json" else None].count("-") > 1:
         raise click.UsageError("only one thing can go to the standard output")
+    if shared_source and cluster is None:
+        raise click.UsageError("--shared-source is for the workers of a --cluster")
+    if shared_source and is_pipe(source):
+        raise click.UsageError("--shared-source needs an input that workers can read, not a pipe")
     # Options and paths are checked before torch is loaded, which takes seconds.
     for name in ("start_seconds", "stop_seconds", "rate"):
         settings[name] = None if settings[name] is None else float(settings[name])
@@ -320,6 +332,7 @@ def command(
             verify=verify,
             progress=display,
             executor=executor,
+            shared_source=shared_source,
             **settings,
         )
     if stats is not None:

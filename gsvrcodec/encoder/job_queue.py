@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
@@ -76,7 +77,7 @@ def all_tasks(
     reader: ChainReader,
     workers: int,
 ) -> Iterator[ChainTask]:
-    """Yield each chain with missing GOPs; its frames are read when it is asked for.
+    """Plan the first section, and return the chains with missing GOPs; frames are read as they go.
 
     Args:
         sections: of the film, in order.
@@ -88,11 +89,16 @@ def all_tasks(
         workers: how many chains are fitted at the same time.
 
     Raises:
+        UsageError: the size asked for is too little; at once.
         InputError: the video has become shorter.
     """
-    for section in sections:
-        budgets = budgets_of(section)
-        yield from _tasks(section.chains, budgets, settings, checkpoint, began, reader, workers)
+    planned = ((section.chains, budgets_of(section)) for section in sections)
+    first = list(islice(planned, 1))
+    return (
+        task
+        for chains, budgets in itertools.chain(first, planned)
+        for task in _tasks(chains, budgets, settings, checkpoint, began, reader, workers)
+    )
 
 
 def _tasks(

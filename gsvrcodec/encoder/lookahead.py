@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import count
-from math import ceil, inf
+from math import ceil
 from types import TracebackType
 from typing import Self
 
@@ -84,7 +84,6 @@ class Lookahead:
             self.durations += kept.durations
             self.checksums += kept.checksums
             self._slice(iter(kept.stats))
-            self.complete = True
         return self
 
     def __exit__(
@@ -130,10 +129,9 @@ class Lookahead:
                 kept = (self.stats, self.pts, self.durations, self.checksums)
                 self._checkpoint.keep_analysis(Analysis(*map(tuple, kept)))  # type: ignore[arg-type]
         except BaseException as error:
-            self._error = error
-        with self._changed:
-            self.complete = True
-            self._changed.notify_all()
+            with self._changed:
+                self._error = error
+                self._changed.notify_all()
 
     def _analysed(self) -> Iterator[FrameStats]:
         """Analyse the source, until this is closed."""
@@ -167,17 +165,17 @@ class Lookahead:
                 middle = bisect_left(self.pts, self.pts[begin] + longest, begin, number)
                 self._add(begin, middle)
                 begin = middle
-        if begin < len(self.stats) and not self._closed:
-            self._add(begin, len(self.stats))
+        if not self._closed:
+            self._add(begin, len(self.stats), last=True)
 
-    def _longest_section(self) -> float:
-        """Duration from which on twice as long a shot is divided: of whole chains, ticks."""
+    def _longest_section(self) -> int:
+        """Duration of a section of a long shot, of whole chains, ticks."""
         keyint = self._settings.keyint
         seconds = ceil(LOOKAHEAD.seconds / keyint) * keyint if keyint else LOOKAHEAD.seconds
-        return seconds / float(self._video.info.time_base) if seconds < inf else inf
+        return round(seconds / self._video.info.time_base)
 
-    def _add(self, begin: int, end: int) -> None:
-        """Slice a section and make it known."""
+    def _add(self, begin: int, end: int, *, last: bool = False) -> None:
+        """Slice a section and make it known; the last one is empty if the film is."""
         info, stats = self._video.info, self.stats[begin:end]
         ticks = sum(self.durations[begin:end])
         seconds = float(ticks * info.time_base)
@@ -186,5 +184,6 @@ class Lookahead:
         with self._changed:
             self.chains += chains
             self.gops += [gop for chain in chains for gop in chain]
-            self._sections.append(Section(chains, seconds))
+            self._sections += [Section(chains, seconds)] if chains else []
+            self.complete = last
             self._changed.notify_all()

@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,7 @@ class SharedSource:
         """
         try:
             video = open_video(self._path, **self._options)
-            for frames in (self._going_on, *self._starts(video, pts[0])):
+            for frames in chain((self._going_on,), self._starts(video, pts[0])):
                 with suppress(NotAVideoError):  # it cannot be sought
                     found = _matching(frames, pts, checksums)
                     if found is not None:

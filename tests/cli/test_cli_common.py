@@ -295,6 +295,12 @@ class TestProgress:
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith("GOP 2/6  48/132 frames  1/3 chains, 2 workers  36.21 dB")
 
+    def test_more_gops_than_are_known(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay() as display:
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2, analysed=False))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("GOP 2/6+  48/132 frames  1/3+ chains, 2 workers  36.21 dB")
+
     def test_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeJson() as display:
             display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2))
@@ -312,6 +318,7 @@ class TestProgress:
             "chains_done": 1,
             "chains": 3,
             "workers": 2,
+            "analysed": True,
         }
         assert second == {"event": "done", "path": "a.gsvr"}
 

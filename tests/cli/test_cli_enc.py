@@ -35,6 +35,7 @@ def test_options_are_the_settings() -> None:
         "progress",
         "quiet",
         "cluster",
+        "shared_source",
     ):
         del chosen[name]
     assert EncodeSettings(**chosen) == EncodeSettings()
@@ -63,6 +64,16 @@ def test_small_encode(cli: Runner, tmp_path: Path) -> None:
     before = target.read_bytes()
     assert "use -y" in cli.fails(1, "gsvrenc", *args)
     assert target.read_bytes() == before
+
+
+def test_a_shared_source_is_a_file_for_a_cluster(cli: Runner, tmp_path: Path) -> None:
+    target = tmp_path / "out.gsvr"
+    assert "for the workers of a --cluster" in cli.fails(
+        2, "gsvrenc", making.NOISE, target, "--shared-source"
+    )
+    assert "not a pipe" in cli.fails(
+        2, "gsvrenc", "-", target, "--shared-source", "--cluster", "auto"
+    )
 
 
 def test_json_stats_and_verification(cli: Runner, tmp_path: Path) -> None:

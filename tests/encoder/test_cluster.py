@@ -96,7 +96,8 @@ class TestWhatDies:
         self, three: Machines, whole: bytes, tmp_path: Path
     ) -> None:
         process = start(
-            *("gsvrenc", making.NOISE, tmp_path / "a.gsvr", "--cluster", "auto", *OPTIONS),
+            *("gsvrenc", making.NOISE, tmp_path / "a.gsvr", "--cluster", "auto"),
+            *("--shared-source", *OPTIONS),
             environment={"DASK_SCHEDULER_ADDRESS": three.address},
             stderr=subprocess.PIPE,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -22,7 +23,7 @@ from gsvrcodec.encoder.executors import AHEAD, fit_on, threads_of, workers_of
 from gsvrcodec.encoder.packed import packed
 from gsvrcodec.encoder.progress import Progress
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.errors import UsageError, WorkerError
+from gsvrcodec.errors import InputError, UsageError, WorkerError
 from tests import making
 from tests.encoder.test_chain import BUDGET, LENGTHS, RESULTS, frames_of
 
@@ -90,6 +91,40 @@ class TestProcesses:
         encode(tmp_path / "a.gsvr", pool, progress=calls.append)
         assert (tmp_path / "a.gsvr").read_bytes() == whole
         assert [call.gop for call in calls] == [0, 1, 2, 3, 4]
+
+    def test_same_bytes_where_processes_read_the_source(
+        self, pool: Executor, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(making.NOISE.parent)
+        target = tmp_path / "a.gsvr"
+        gsvrcodec.encode(
+            making.NOISE.name, target, executor=pool, shared_source=True, overwrite=True, **SETTINGS
+        )
+        assert target.read_bytes() == whole
+
+    def test_another_file_than_was_analysed_ends_it(self, pool: Executor, tmp_path: Path) -> None:
+        source = tmp_path / "in.mp4"
+        shutil.copy(making.NOISE, source)
+
+        def change(state: Progress) -> None:
+            if not state.gop:
+                source.write_bytes(making.BUNNY_SMALL.read_bytes())
+
+        with pytest.raises(InputError, match=r"in\.mp4 has other pictures at 0\.00 s"):
+            gsvrcodec.encode(
+                source,
+                tmp_path / "a.gsvr",
+                executor=pool,
+                shared_source=True,
+                progress=change,
+                **SETTINGS,
+            )
+
+    @pytest.mark.parametrize("source", [making.NOISE, making.NOISE.read_bytes()], ids=type)
+    def test_nothing_to_share(self, source: Path | bytes, pool: Executor) -> None:
+        executor = pool if isinstance(source, bytes) else None
+        with pytest.raises(UsageError, match="`shared_source` is for the workers of an `executor`"):
+            gsvrcodec.encode(source, executor=executor, shared_source=True)
 
     def test_a_killed_one_is_a_clear_error_and_what_is_done_is_kept(
         self, pool: ProcessPoolExecutor, tmp_path: Path
