@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
+from hashlib import sha256
 from importlib import metadata
+from pathlib import Path
 
 from gsvrcodec import __version__
 from gsvrcodec.bitstream.header import VERSION_MAJOR, VERSION_MINOR
@@ -15,6 +18,7 @@ def versions() -> dict[str, str]:
     """Return versions by name; does not import torch."""
     return {
         "gsvrcodec": __version__,
+        "sources": sources(),
         "bitstream": f"{VERSION_MAJOR}.{VERSION_MINOR}",
         "native core": _core.isa(),
         "Python": platform.python_version(),
@@ -23,6 +27,17 @@ def versions() -> dict[str, str]:
         "PyAV": _installed("av"),
         "FFmpeg": ffmpeg_version(),
     }
+
+
+@cache
+def sources() -> str:
+    """Return a digest of the package's Python code, which may change between two versions."""
+    package = Path(__file__).parent
+    digest = sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def _installed(distribution: str) -> str:

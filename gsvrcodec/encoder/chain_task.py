@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from gsvrcodec.encoder.budget import Budget
 from gsvrcodec.encoder.chain import ChainFrames, chain_jobs
 from gsvrcodec.encoder.jobs import EncodedGop, GopJob, encode_gop
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.errors import WorkerError
+from gsvrcodec.versions import sources
 
 #: Jobs of a chain: sent the result of one, it yields the next.
 ChainJobs = Generator[GopJob, EncodedGop, None]
@@ -34,6 +36,7 @@ class ChainTask:
     settings: EncodeSettings
     finished: Sequence[EncodedGop]  #: results of its first GOPs, which are not done again
     seconds: float | None  #: wall time for the others; None = by the preset
+    sources: str = field(default_factory=sources)  #: digest of the code that made it
 
     @property
     def first_frame(self) -> int:
@@ -53,7 +56,15 @@ def encode_chain(task: ChainTask, threads: int) -> list[FittedGop]:
     Args:
         task: the chain.
         threads: native threads; 0 = GSVR_THREADS or all cores.
+
+    Raises:
+        WorkerError: this process has another version of the package than the one of the task.
     """
+    if task.sources != sources():
+        raise WorkerError(
+            f"a worker has other sources of gsvrcodec ({sources()}) than the process that encodes "
+            f"({task.sources}): install the same version on both"
+        )
     return list(one_by_one(task.jobs(), encode_gop, threads))
 
 

@@ -44,7 +44,7 @@ _SENDERS = 2
 #: Evaluated by workers, which may not have gsvrcodec at all.
 _VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
 #: Versions that must be the same, and those without which files may differ.
-_REQUIRED, _WANTED = ("gsvrcodec", "bitstream"), ("native core", "torch", "Triton")
+_REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")
 
 _log = logging.getLogger(__name__)
 

@@ -169,6 +169,10 @@ class TestRefused:
         own = versions() | {"gsvrcodec": "0.0.9"}
         self.fails(tmp_path, f"def versions(): return {own}", r"has gsvrcodec 0\.0\.9, not \d")
 
+    def test_other_code_of_the_same_version(self, tmp_path: Path) -> None:
+        own = versions() | {"sources": "0123"}
+        self.fails(tmp_path, f"def versions(): return {own}", "has sources 0123, not ")
+
     def test_no_gsvrcodec(self, tmp_path: Path) -> None:
         self.fails(
             tmp_path,

@@ -10,6 +10,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,11 @@ class TestAnyExecutor:
             encode(tmp_path / "a.gsvr", pool)
             assert not pool._shutdown
         assert (tmp_path / "a.gsvr").read_bytes() == whole
+
+    def test_another_version_is_refused(self) -> None:
+        (task,) = tasks(1)
+        with pytest.raises(WorkerError, match=r"other sources .*\(\w{12}\) than .*\(no\)"):
+            encode_chain(replace(task, sources="no"), 1)
 
     def test_what_was_interrupted_goes_on(self, whole: bytes, tmp_path: Path) -> None:
         """Within a chain, from GOPs that a local encode has finished."""
