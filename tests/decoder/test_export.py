@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,8 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec import Decoder
-from gsvrcodec.ahead import ahead
 from gsvrcodec.decoder.export import DecodeResult
-from gsvrcodec.decoder.schedule import SteadyRate, StoredFrames, TimedPicture, schedule
+from gsvrcodec.decoder.schedule import SteadyRate, StoredFrames, schedule
 from gsvrcodec.errors import CorruptError, LimitError, OutputError, UsageError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video
 from gsvrcodec.video.plain import NullWriter
@@ -261,20 +259,6 @@ class TestBitDepth:
 
 
 class TestAhead:
-    def test_order_is_kept_and_little_is_made(self) -> None:
-        made: list[int] = []
-
-        def pictures() -> Iterator[TimedPicture]:
-            for number in range(1, 100):
-                made.append(number)
-                yield TimedPicture(PICTURE, number, 1)
-
-        with closing(ahead(pictures(), 7, "made")) as items:
-            for number in range(1, 41):
-                assert next(items).pts == number
-        assert made == list(range(1, len(made) + 1))
-        assert len(made) <= 40 + 8
-
     def test_few_large_pictures_in_memory(self, path: Path) -> None:
         with gsvrcodec.open(path) as small, gsvrcodec.open(path, size=(4000, -1)) as large:
             assert small.batch == 16

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -38,20 +37,14 @@ def read(path: Path, wanted: list[SourceFrame], **options: Any) -> NDArray[np.ui
     return found.unpacked()
 
 
+def keyed(path: Path) -> Path:
+    """Write H.264 with a key frame every six frames, and frames out of order."""
+    return making.h264(path, {"g": "6", "bf": "2", "sc_threshold": "0"})
+
+
 def refreshed(path: Path) -> Path:
     """Write H.264 without key frames but the first: parts of each picture are coded anew."""
-    pictures = [frame.rgb for frame in frames_of(making.NOISE)]
-    options = {"intra-refresh": "1", "g": "5", "bf": "0"}
-    with av.open(path, "w") as file:
-        stream = file.add_stream("libx264", rate=25, options=options)
-        stream.height, stream.width = pictures[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        for number, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-            frame.pts = number
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode(None))
-    return path
+    return making.h264(path, {"intra-refresh": "1", "g": "5", "bf": "0"})
 
 
 class TestAnyFrames:
@@ -75,12 +68,13 @@ class TestAnyFrames:
     @pytest.mark.parametrize(
         ("make", "options"),
         [
+            (keyed, {}),
             (making.raw_stream, {"rate": 25}),
             (refreshed, {}),
             (fields, {"deinterlace": True}),
         ],
     )
-    def test_where_a_key_frame_does_not_suffice(
+    def test_of_other_kinds_of_film(
         self, tmp_path: Path, make: Callable[[Path], Path], options: dict[str, Any]
     ) -> None:
         path = make(tmp_path / ("a.264" if make is making.raw_stream else "a.mkv"))
@@ -95,7 +89,9 @@ class TestAnyFrames:
         found = read(path, frames_of(path, rate=5)[2:4], rate=5)
         np.testing.assert_array_equal(found, pictures[2:4])
 
-    def test_reading_goes_on_where_it_was(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_reading_goes_on_where_it_was(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         starts: list[int | None] = []
         original = VideoReader.from_key
 
@@ -104,7 +100,8 @@ class TestAnyFrames:
             return original(video, pts)
 
         monkeypatch.setattr(VideoReader, "from_key", counted)
-        frames, source = frames_of(making.BUNNY_SMALL), SharedSource(str(making.BUNNY_SMALL), {})
+        path = keyed(tmp_path / "a.mp4")
+        frames, source = frames_of(path), SharedSource(str(path), {})
         for part in (frames[5:8], frames[8:12], frames[14:16]):
             found = shared(source, part).unpacked()
             np.testing.assert_array_equal(found, [frame.rgb for frame in part])

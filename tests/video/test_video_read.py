@@ -120,6 +120,48 @@ class TestRange:
             open_video(making.NOISE, **arguments)
 
 
+class TestExpectedFrames:
+    @pytest.mark.parametrize("path", [making.BUNNY_SMALL, making.ODD, making.TEN_BIT], ids=str)
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {},
+            {"start_frame": 5},
+            {"start_frame": 5, "frames": 3},
+            {"start_frame": 2, "frames": 30},
+            {"start_seconds": 0.2},
+            {"start_seconds": 0.1, "stop_seconds": 0.4},
+            {"stop_seconds": 0.3},
+            {"stop_seconds": 30.0},
+        ],
+        ids=str,
+    )
+    def test_they_come(self, path: Path, options: dict[str, Any]) -> None:
+        video = open_video(path, **options)
+        assert video.expected_frames is not None
+        assert abs(video.expected_frames - len(list(video))) <= 1
+
+    def test_a_raw_stream_does_not_tell(self, tmp_path: Path) -> None:
+        assert open_video(making.raw_stream(tmp_path / "a.264")).expected_frames is None
+
+
+class TestFromKey:
+    def test_all_frames_from_a_key_frame_on(self, tmp_path: Path) -> None:
+        path = making.h264(tmp_path / "a.mp4", {"g": "6", "sc_threshold": "0"})
+        with open_video(path, start_frame=14, frames=3) as video:
+            chosen = list(video)
+            coming = list(video.from_key(chosen[0].pts))
+        assert len(coming) == 8  # of 20, from the third key frame on
+        for frame, (now, picture) in zip(chosen, coming[2:], strict=False):
+            assert now == frame.pts
+            np.testing.assert_array_equal(picture(), frame.rgb)
+
+    def test_from_the_start(self) -> None:
+        with open_video(making.NOISE, start_frame=7) as video:
+            times = [now for now, _ in video.from_key(None)]
+        assert times == [frame.pts for frame in open_video(making.NOISE)]
+
+
 class TestCrop:
     def test_centre_is_the_default(self) -> None:
         whole = next(iter(open_video(making.BUNNY, frames=1))).rgb
