@@ -43,6 +43,8 @@ _SENDERS = 2
 
 #: Evaluated by workers, which may not have gsvrcodec at all.
 _VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
+#: Loads what a fit needs, while the film is still analysed.
+_LOAD = "__import__('gsvrcodec.encoder.jobs') and None"
 #: Versions that must be the same, and those without which files may differ.
 _REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")
 
@@ -76,6 +78,7 @@ class Cluster(Executor):
         self._over: Exception | None = None  # why nothing can be done any more
         self._sending = threading.Semaphore(_SENDERS)
         self._open: set[Future[list[FittedGop]]] = set()
+        self._loading: list[Any] = []  # Dask's futures, which end with the client
         self._client, self.address = _connected(address)
         try:
             self._look(refuse=True)
@@ -236,10 +239,14 @@ class Cluster(Executor):
             if fault:
                 _log.warning("%s; it is left out", fault)
                 self._refused.add(address)
+        come -= self._refused
+        self._loading += [
+            self._client.submit(eval, _LOAD, workers=[address], pure=False) for address in come
+        ]
         with self._changed:
             for address in self._crew.keys() - there:
                 del self._crew[address]
-            self._crew |= dict.fromkeys(come - self._refused, True)
+            self._crew |= dict.fromkeys(come, True)
             if self._crew:
                 self._since = time.monotonic()
 

@@ -216,7 +216,10 @@ def encode(
 
 
 def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
-    """The time to keep of sound and subtitles: all of it at an end where no frame is cut off."""
+    """The time to keep of sound and subtitles: all of it at an end where no frame is cut off.
+
+    Where the end is cut off, this waits for it to be analysed.
+    """
     start = stop = None
     if settings.start_frame or settings.start_seconds is not None:
         start = lookahead.pts[0] * info.time_base
