@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ContextDecorator
 from typing import ClassVar
 
 
@@ -94,14 +93,18 @@ class CorruptError(GsvrError, ValueError):
         )
 
 
-@contextmanager
-def spec_section(number: str) -> Iterator[None]:
+class spec_section(ContextDecorator):
     """Add the section of the spec to a `CorruptError` that has none; also a decorator."""
-    try:
-        yield
-    except CorruptError as error:
-        error.section = error.section or number
-        raise
+
+    def __init__(self, number: str) -> None:
+        self._number = number
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, CorruptError):
+            error.section = error.section or self._number
 
 
 class NotGsvrError(CorruptError):

@@ -23,7 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "native": {"numpy"},
     "model": {"errors", "numpy"},
     "planes": {"errors", "limits", "native", "numpy", "imagecodecs"},
-    "bitstream": {"errors", "limits", "model", "planes", "numpy", "fsspec"},
+    "bitstream": {"errors", "limits", "native", "model", "planes", "numpy", "fsspec"},
     "play": {"errors", "files", "bitstream"},
     "render": {"errors", "model", "native", "numpy", "torch", "triton"},
     "video": {"errors", "limits", "files", "bitstream", "numpy", "av"},
@@ -77,6 +77,7 @@ ONLY_IN = {
         *("refinement_bits.py", "timing.py"),
     },
     ("bitstream", "fsspec"): {"source.py"},
+    ("bitstream", "native"): {"refinement_bits.py"},
     ("render", "torch"): {
         *("__init__.py", "reference.py", "device.py", "backend.py", "native.py"),
         *_TRITON,

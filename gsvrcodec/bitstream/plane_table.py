@@ -14,6 +14,7 @@ from gsvrcodec.planes.samples import MAX_BITS
 from gsvrcodec.planes.table import Codec
 
 PLANE_ENTRY_BYTES = PLANE_ENTRY.size
+_CODECS = frozenset(Codec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def parse_plane_table(
     for attribute_id, _, codec, *_ in raw:
         if attribute_id not in ATTRIBUTE_BY_ID:
             raise UnsupportedError(f"unknown attribute {attribute_id} in a plane table")
-        if codec not in Codec.__members__.values():
+        if codec not in _CODECS:
             raise UnsupportedError(f"unknown plane codec {codec}")
     if len(raw) != len(expected):
         raise CorruptError(f"{len(raw)} planes, expected {len(expected)}")

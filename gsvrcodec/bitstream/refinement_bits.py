@@ -8,6 +8,7 @@ import numpy as np
 
 from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements
+from gsvrcodec.native import _entropy
 
 _TABLE = struct.Struct("<" + "bB" * len(REFINED))
 TABLE_BYTES = _TABLE.size
@@ -57,8 +58,6 @@ def unpack_numbers(data: bytes, bits: Levels) -> Levels:
         raise CorruptError(f"refinement of {len(data)} bytes for {count} bits")
     if count % 8 and data[-1] & 0xFF >> count % 8:
         raise CorruptError("ones behind the last bit of the refinement")
-    octets = np.frombuffer(data + bytes(2), np.uint8).astype(np.int64)
-    pairs = octets[:-1] << 8 | octets[1:]  # a number of 8 bits lies in two bytes at most
-    start = np.cumsum(bits) - bits
-    numbers: Levels = pairs[start >> 3] >> (16 - (start & 7) - bits) & ((1 << bits) - 1)
+    numbers = np.empty_like(bits)
+    _entropy.unpack_numbers(data, bits, numbers)
     return numbers

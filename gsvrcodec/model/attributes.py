@@ -95,7 +95,8 @@ class GopShape:
     def planes(self) -> list[tuple[Attribute, int, int, int]]:
         """Return the planes in table order: attribute, component, width, height."""
         return [
-            (attribute, part, *self.plane_size(attribute.grid))
+            (attribute, part, *size)
             for attribute in self.attributes()
+            for size in [self.plane_size(attribute.grid)]
             for part in range(attribute.components)
         ]

@@ -88,12 +88,13 @@ def look_at(gop: Gop, tau: float) -> Look:
         for first in range(0, len(bent), _BLOCK):
             some = bent[first : first + _BLOCK]
             strength = 1 - gop.indicator[some, None].astype(np.float64)
-            offset = strength * _triplane(gop, gop.position[some], tau)
-            position[some] += offset[:, :2]
-            scale = np.exp(log_scale[some].astype(np.float64)) + offset[:, 2:4]
+            # Read by `np.take`: many times as fast as an index.
+            offset = strength * _triplane(gop, np.take(gop.position, some, 0), tau)
+            position[some] = np.take(position, some, 0) + offset[:, :2]
+            scale = np.exp(np.take(log_scale, some, 0).astype(np.float64)) + offset[:, 2:4]
             log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
-            rotation[some] = rotation[some] + offset[:, 4]
-            colour[some] = colour[some] + offset[:, 5:]
+            rotation[some] = np.take(rotation, some) + offset[:, 4]
+            colour[some] = np.take(colour, some, 0) + offset[:, 5:]
     return Look(position.astype(np.float32), log_scale, rotation, colour)
 
 
@@ -134,12 +135,12 @@ def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: G
     moved = np.flatnonzero(mode & MOVED)
     values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
     for name, value in values.items():
-        value[changed] += getattr(carried, name)
+        value[changed] = np.take(value, changed, 0) + getattr(carried, name)
         clip_to_bounds(name, value)
     # The motion begins where the reference ends, plus the change.
     start = start_of_motion(frames[1])
     way = start * carried.linear.astype(np.float64) + start**2 * carried.quadratic
-    values["position"][moved] = values["position"][moved] - way
+    values["position"][moved] = np.take(values["position"], moved, 0) - way
     clip_to_bounds("position", values["position"])
     count = len(mode)
     values["indicator"] = np.ones(count, np.float32)
@@ -180,7 +181,7 @@ def _between(
     high: NDArray[np.intp],
     fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Interpolate between rows of a table. `np.take`: many times as fast as an index."""
+    """Interpolate between rows of a table."""
     value = np.take(rows, low, 0)
     value *= 1 - fraction
     upper = np.take(rows, high, 0)

@@ -77,8 +77,14 @@ void walk(const Plane &plane, const Predictor &predictor, Step step, RowDone row
 class Contexts {
    public:
     explicit Contexts(const std::vector<std::uint32_t> &thresholds) : thresholds_(thresholds) {
-        for (std::uint32_t around = 0; around < kTable; ++around)
-            table_[around] = static_cast<std::uint8_t>(count(around));
+        std::uint8_t context = 0;
+        auto begin = table_.begin();
+        for (std::uint32_t threshold : thresholds) {
+            const auto end = table_.begin() + std::min(threshold, kTable);
+            std::fill(begin, end, context++);
+            begin = end;
+        }
+        std::fill(begin, table_.end(), context);
     }
 
     unsigned operator()(std::uint32_t around) const {

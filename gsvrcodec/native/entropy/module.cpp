@@ -9,6 +9,7 @@
 #include <algorithm>
 
 #include "context_codec.hpp"
+#include "numbers.hpp"
 #include "ranges_codec.hpp"
 #include "rans.hpp"
 
@@ -110,6 +111,19 @@ void decode_ranges(nb::bytes data, int bits, OutSamples out) {
                         data_of(data), data.size(), out.data());
 }
 
+using Numbers = Array<std::int64_t, 1>;
+
+void unpack_numbers(nb::bytes data, Array<const std::int64_t, 1> bits, Numbers out) {
+    require(out.size() == bits.size(), "as many numbers as counts of bits");
+    std::size_t sum = 0;
+    for (std::size_t i = 0; i < bits.size(); ++i) {
+        require(bits.data()[i] >= 0 && bits.data()[i] <= 8, "a number has 0 to 8 bits");
+        sum += static_cast<std::size_t>(bits.data()[i]);
+    }
+    require(sum <= 8 * data.size(), "fewer bits than the numbers have");
+    gsvr::unpack_numbers(data_of(data), bits.data(), bits.size(), out.data());
+}
+
 }  // namespace
 
 NB_MODULE(_entropy, m) {
@@ -142,4 +156,5 @@ NB_MODULE(_entropy, m) {
           "out"_a);
     m.def("encode_ranges", &encode_ranges, "samples"_a);
     m.def("decode_ranges", &decode_ranges, "data"_a, "bits"_a, "out"_a);
+    m.def("unpack_numbers", &unpack_numbers, "data"_a, "bits"_a, "out"_a);
 }
