@@ -48,6 +48,16 @@ def render_rgb8(
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) uint8."""
 
+def render_planes8(
+    parameters: Parameters,
+    taus: Array,
+    out: Array,
+    coded_width: int,
+    coded_height: int,
+    threads: int,
+) -> None:
+    """Render a GOP at times `taus` (F,) to `out` (F, 3, H, W) uint8."""
+
 def render_float(
     parameters: Parameters,
     taus: Array,

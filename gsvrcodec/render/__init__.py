@@ -66,6 +66,7 @@ def render_frames(
         threads: native threads; 0 = GSVR_THREADS or all cores. Does not change the result.
         out: (F, height, width, 3), C-contiguous, uint8 for 8 bits and uint16 for more, to be
             filled; None = a new array. With a GPU it may be a tensor there; see `empty_frames`.
+            For 8 bits on the CPU it may also be so as (F, 3, height, width).
 
     Returns:
         (F, height, width, 3) RGB: `out`, or the new array. A frame is the same whatever others

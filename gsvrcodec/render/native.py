@@ -43,8 +43,14 @@ class NativeBackend(Backend):
         shape, dtype = (len(taus), height, width, 3), np.dtype("u1" if bit_depth == 8 else "u2")
         if out is None:
             out = np.empty(shape, np.uint8) if bit_depth == 8 else np.empty(shape, np.uint16)
-        elif out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
-            raise ValueError(f"out must be a C-contiguous {dtype} array of shape {shape}")
+        elif out.shape != shape or out.dtype != dtype:
+            raise ValueError(f"out must be a {dtype} array of shape {shape}")
+        planes = out.transpose(0, 3, 1, 2)
+        if bit_depth == 8 and planes.flags.c_contiguous:
+            _core.render_planes8(prepared, taus, planes, *coded_size, self._threads)
+            return out
+        if not out.flags.c_contiguous:
+            raise ValueError("out must be C-contiguous, or its channels planes of one array")
         if bit_depth == 8:
             _core.render_rgb8(prepared, taus, out, *coded_size, self._threads)
             return out

@@ -9,10 +9,11 @@
 namespace gsvr {
 namespace {
 
+// `row` is the distance of the rows of a frame, in samples.
 template <class T, class ToSamples>
 void render(const RenderCall &call, const float *taus, int frames, int threads, T *out,
-            ToSamples to_samples) {
-    const std::size_t row = static_cast<std::size_t>(call.size.width) * 3;
+            std::size_t row, ToSamples to_samples) {
+    const std::size_t samples = std::size_t{3} * call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
     StaticPyramid static_pyramid{};
@@ -21,9 +22,7 @@ void render(const RenderCall &call, const float *taus, int frames, int threads, 
     const auto render_one = [&](int index, int threads_of_frame, Workspace &space) {
         const FrameRenderer renderer(call, taus[index], threads_of_frame, space, static_pyramid);
         renderer.render([&](int, RowRange rows, const Pixels &pixels) {
-            const std::size_t first =
-                static_cast<std::size_t>(index) * call.size.height + rows.begin;
-            to_samples(pixels, renderer.frame(), rows, out + first * row);
+            to_samples(pixels, renderer.frame(), rows, out + index * samples + rows.begin * row);
         });
     };
     // With enough frames, each thread renders whole frames; else the threads share each frame.
@@ -42,13 +41,19 @@ void render(const RenderCall &call, const float *taus, int frames, int threads, 
 void render_rgb8(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
                  int threads, std::uint8_t *out) {
     const RenderCall call(gop, size, coded, true);
-    render(call, taus, frames, threads, out, call.kernels.to_rgb8);
+    render(call, taus, frames, threads, out, std::size_t{3} * size.width, call.kernels.to_rgb8);
+}
+
+void render_planes8(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
+                    int threads, std::uint8_t *out) {
+    const RenderCall call(gop, size, coded, true);
+    render(call, taus, frames, threads, out, size.width, call.kernels.to_planes8);
 }
 
 void render_float(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
                   int threads, float *out) {
     const RenderCall call(gop, size, coded, true);
-    render(call, taus, frames, threads, out, call.kernels.to_float);
+    render(call, taus, frames, threads, out, std::size_t{3} * size.width, call.kernels.to_float);
 }
 
 void backward_float(const GopArrays &gop, float tau, Size size, Size coded, int threads,

@@ -15,6 +15,9 @@ struct Size {
 // size to render at; Gaussians have their scales in pixels of the size `coded`.
 void render_rgb8(const GopArrays &, const float *taus, int frames, Size size, Size coded,
                  int threads, std::uint8_t *out);
+// The same, but `out` is (frames, 3, height, width).
+void render_planes8(const GopArrays &, const float *taus, int frames, Size size, Size coded,
+                    int threads, std::uint8_t *out);
 void render_float(const GopArrays &, const float *taus, int frames, Size size, Size coded,
                   int threads, float *out);
 

@@ -192,6 +192,10 @@ Pixels FrameRenderer::level_pixels(float *pictures, int first, int level) const 
     return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows};
 }
 
+Pixels FrameRenderer::static_picture(int level) const {
+    return level_pixels(const_cast<float *>(static_pyramid_.pictures), 0, level);
+}
+
 Pixels FrameRenderer::picture(int level) const {
     return level_pixels(space_.pictures.get(), 1, level);
 }
@@ -221,7 +225,7 @@ void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixe
         return of.data + (row - of.first_row) * kRowFloats;
     };
     if (static_pyramid_.pictures) {
-        const Pixels drawn = level_pixels(const_cast<float *>(static_pyramid_.pictures), 0, level);
+        const Pixels drawn = static_picture(level);
         for (int strip = 0; strip < own.strips(); ++strip)
             std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
         return;
@@ -233,14 +237,15 @@ void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixe
 
 void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixels) const {
     const PyramidLevel &own = call_.levels[level];
-    // Where upsampling overwrites the band, the band need not be cleared first.
-    const bool add =
-        level == coarsest_ || static_pyramid_.pictures || !layers_[kLevels + level].empty();
-    if (add) set_static_band(level, rows, pixels);
-    if (level < coarsest_) {
+    // Upsampling adds the static splats as it writes the band, and there may be none.
+    const bool drawn = static_pyramid_.pictures, upsampled = level < coarsest_;
+    const bool any = drawn || !layers_[kLevels + level].empty();
+    if (!upsampled || (any && !drawn)) set_static_band(level, rows, pixels);
+    if (upsampled) {
         const Size coarser = call_.levels[level + 1].size;
+        const Pixels base = drawn ? static_picture(level) : pixels;
         call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels,
-                               own.size.width, rows, add);
+                               own.size.width, rows, any ? &base : nullptr);
     }
     call_.kernels.rasterise(layers_[level], rows, pixels);
 }

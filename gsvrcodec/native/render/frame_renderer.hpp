@@ -106,6 +106,8 @@ class FrameRenderer {
     void backward_levels() const;
     // The pixels of a whole level in a buffer that holds the levels from `first` on.
     Pixels level_pixels(float *pictures, int first, int level) const;
+    // A level of the picture of the static splats.
+    Pixels static_picture(int level) const;
     // Sets a band of a level to the picture of its static splats.
     void set_static_band(int level, RowRange rows, const Pixels &) const;
     // Sets a band of a level to the sum of its splats and of the coarser levels.

@@ -109,10 +109,10 @@ struct Kernels {
                     BlockRows *rows);
     // Adds the splats of one layer to the pixels of one band.
     void (*rasterise)(const SplatLayer &, RowRange band, Pixels);
-    // Upsamples the next coarser level to the rows `rows` of a level: writes the rows or, with
-    // `add`, adds to them.
+    // Upsamples the next coarser level to the rows `rows` of a level, and adds the rows of `base`,
+    // which may be `fine`; null adds nothing.
     void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine,
-                     int fine_width, RowRange rows, bool add);
+                     int fine_width, RowRange rows, const Pixels *base);
     // The adjoint of upsample: writes the gradient of the next coarser level from the rows `rows`
     // of `fine`, the gradient of a level, which must be zero beyond the picture. The parts of the
     // coarse rows just above and just below the written rows go to `edges`: two rows, each of
@@ -120,8 +120,9 @@ struct Kernels {
     void (*downsample)(Pixels fine, int fine_width, int fine_height, RowRange rows, Pixels coarse,
                        int coarse_width, float *edges);
     // Convert rows of pixels to interleaved samples, and back. The first row of samples is
-    // rows.begin.
+    // rows.begin. to_planes8 writes three planes of the frame instead, `out` is in the first.
     void (*to_rgb8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
+    void (*to_planes8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, RowRange rows, float *out);
     void (*from_float)(const float *in, const Frame &, RowRange rows, Pixels);
     // Replaces the pixels of the rows by (clamp(value + backdrop) - target) * scale and returns the

@@ -117,6 +117,20 @@ void render(const Parameters &parameters, Times taus, Images<T> out, int coded_w
         gsvr::render_rgb8(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
 }
 
+using Planes = nb::ndarray<std::uint8_t, nb::shape<-1, 3, -1, -1>, nb::c_contig, nb::device::cpu>;
+
+void render_planes8(const Parameters &parameters, Times taus, Planes out, int coded_width,
+                    int coded_height, int threads) {
+    require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
+    require(out.shape(0) < (1u << 30), "too many frames");
+    const auto size = checked(out.shape(3), out.shape(2));
+    const auto coded = checked(coded_width, coded_height);
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::render_planes8(parameters.arrays, taus.data(), static_cast<int>(taus.shape(0)), size,
+                         coded, threads, out.data());
+}
+
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
                     int coded_width, int coded_height, const Parameters &gradient, int threads) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
@@ -184,6 +198,8 @@ NB_MODULE(_core, m) {
              exact("indicator"), exact("linear"), exact("quadratic"), exact("xy"), exact("xt"),
              exact("yt"));
     m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, exact("out"),
+          "coded_width"_a, "coded_height"_a, "threads"_a);
+    m.def("render_planes8", &render_planes8, "parameters"_a, "taus"_a, exact("out"),
           "coded_width"_a, "coded_height"_a, "threads"_a);
     m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
           "coded_height"_a, "threads"_a);

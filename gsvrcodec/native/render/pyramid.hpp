@@ -39,10 +39,12 @@ static inline UpsampledRow upsampled_row(const float *own, const float *before, 
 
 template <bool Add>
 static inline void upsample_strips(const Pixels &coarse, int coarse_width, int coarse_height,
-                                   const Pixels &fine, int fine_width, RowRange rows) {
-    const auto put = [](float *p, v8 v) { store8(p, Add ? load8(p) + v : v); };
+                                   const Pixels &fine, int fine_width, RowRange rows,
+                                   const Pixels &base) {
+    const auto put = [](float *p, const float *b, v8 v) { store8(p, Add ? load8(b) + v : v); };
     const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
     const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
+    const std::ptrdiff_t base_next = static_cast<std::ptrdiff_t>(base.rows) * kRowFloats;
     for (int strip = 0; strip < strips(coarse_width); ++strip) {
         const int last = min(coarse_width - strip * kStripWidth, kStripWidth) - 1;
         const bool right_most = (strip + 1) * kStripWidth >= coarse_width;
@@ -50,6 +52,7 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
         const std::ptrdiff_t after = right_most ? last : next;
         const bool both = 2 * strip + 1 < strips(fine_width);
         float *out = strip_row(fine, 2 * strip, rows.begin);
+        const float *under = strip_row(base, 2 * strip, rows.begin);
         int row = rows.begin / 2;
         UpsampledRow above[3], here[3], below[3];
         const auto read = [&](int of, UpsampledRow *w) {
@@ -59,17 +62,20 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
         };
         read(max(row - 1, 0), above);
         read(row, here);
-        for (; 2 * row < rows.end; ++row, out += kEvenRow) {
+        for (; 2 * row < rows.end; ++row, out += kEvenRow, under += kEvenRow) {
             read(min(row + 1, coarse_height - 1), below);
             for (int c = 0; c < 3; ++c) {
                 float *p = out + c * kChannelFloats;
+                const float *b = under + c * kChannelFloats;
                 const v8 left = 0.75f * here[c].left;
-                put(p, left + 0.25f * above[c].left);
-                put(p + kOddRow, left + 0.25f * below[c].left);
+                put(p, b, left + 0.25f * above[c].left);
+                put(p + kOddRow, b + kOddRow, left + 0.25f * below[c].left);
                 if (both) {
+                    p += fine_next;
+                    b += base_next;
                     const v8 right = 0.75f * here[c].right;
-                    put(p + fine_next, right + 0.25f * above[c].right);
-                    put(p + fine_next + kOddRow, right + 0.25f * below[c].right);
+                    put(p, b, right + 0.25f * above[c].right);
+                    put(p + kOddRow, b + kOddRow, right + 0.25f * below[c].right);
                 }
                 above[c] = here[c];
                 here[c] = below[c];
@@ -79,12 +85,12 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
 }
 
 void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, int fine_width,
-              RowRange rows, bool add) {
+              RowRange rows, const Pixels *base) {
     const FlushDenormals flush;
-    if (add)
-        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
+    if (base)
+        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows, *base);
     else
-        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows);
+        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows, fine);
 }
 
 // The adjoint of upsampling along x: three channels of one row of a coarse strip, from the row of

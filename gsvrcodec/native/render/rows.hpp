@@ -89,6 +89,29 @@ void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out
     }
 }
 
+// Converts eight pixels of one channel to samples.
+static inline void store_plane(std::uint8_t *out, const float *channel) {
+    typedef std::uint8_t b8 __attribute__((vector_size(8)));
+    const b8 codes = __builtin_convertvector(to_codes(load8(channel)), b8);
+    __builtin_memcpy(out, &codes, sizeof codes);
+}
+
+void to_planes8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out) {
+    const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(frame.width) * frame.height;
+    for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+        std::uint8_t *p = out + static_cast<std::ptrdiff_t>(row) * frame.width + x;
+        for (int c = 0; c < 3; ++c, p += plane, red += kChannelFloats) {
+            if (samples == kStripWidth) {
+                store_plane(p, red);
+                continue;
+            }
+            std::uint8_t bytes[kStripWidth];
+            store_plane(bytes, red);
+            for (int i = 0; i < samples; ++i) p[i] = bytes[i];
+        }
+    });
+}
+
 void to_float(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
     for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         float *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
