@@ -111,7 +111,7 @@ class ClipDataset(Dataset[Any]):
         else:
             numbers = [found[min(n, len(found) - 1)] for n in range(self.frames)]
         data: Any = self._decoder(film).get_frames_at(numbers).data
-        clip = data.permute(0, 3, 1, 2)
+        clip = data.permute(0, 3, 1, 2)  # contiguous, so that a batch copies it at once
         return clip if self.transform is None else self.transform(clip)
 
     def place(self, index: int) -> tuple[int, int]:
@@ -171,6 +171,7 @@ class ClipDataset(Dataset[Any]):
                 size=self.size,
                 threads=0 if get_worker_info() is None else 1,
                 tensors=True,
+                planar=True,
                 limits=self.limits,
             )
             while len(self._decoders) >= self._open_films:

@@ -55,6 +55,7 @@ class TestClips:
             (2, 4),
         ]
         assert clips[2].dtype == torch.uint8
+        assert clips[2].is_contiguous()
         assert torch.equal(clips[2], pictures[0][8:12])
         assert torch.equal(clips[-1], pictures[2][4:8])
         assert len(list(clips)) == 6

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
-from collections.abc import Generator, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +18,6 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.prediction import DROPPED
 from gsvrcodec.model.time import Ticks
-
-#: Threads that decode the planes of a chain; so many GOPs are ahead.
-_THREADS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +37,7 @@ class GopUnpacker:
 
     The GOPs unpacked last stay in memory, so that GOPs in a row are unpacked once each; any other
     GOP is unpacked from the nearest of them in its chain, or from the key GOP. All ways give the
-    same values. The planes of a GOP need no other GOP: those of a chain are decoded by several
-    threads, a few GOPs ahead.
+    same values.
 
     Args:
         reader: The file.
@@ -57,7 +51,6 @@ class GopUnpacker:
         self._most = remembered
         self._recent: OrderedDict[int, WholeGop] = OrderedDict()
         self._faults: dict[int, CorruptError] = {}
-        self._reading = Lock()
 
     def __len__(self) -> int:
         """Return the number of GOPs in memory."""
@@ -75,41 +68,26 @@ class GopUnpacker:
         start = max((n for n, link in enumerate(chain) if link in self._recent), default=-1)
         if start >= 0:
             self._recent.move_to_end(chain[start])
-        with closing(self._contents(chain, start + 1)) as contents:
-            for number in range(start + 1, len(chain)):
-                link = chain[number]
-                if link in self._faults:
-                    raise self._fault(link, position)
-                try:
-                    with _located(self._reader.gops[link].chunk):
-                        whole = self._whole(next(contents), chain[number - 1] if number else None)
-                except CorruptError as error:
-                    self._faults[link] = error.located(error.chunk or "", error.offset or 0)
-                    raise self._fault(link, position) from error
-                self._recent[link] = whole
-                if len(self._recent) > self._most:
-                    self._recent.popitem(last=False)
+        for number in range(start + 1, len(chain)):
+            link = chain[number]
+            if link in self._faults:
+                raise self._fault(link, position)
+            try:
+                with _located(self._reader.gops[link].chunk):
+                    content = self._content(chain[: number + 1])
+                    whole = self._whole(content, chain[number - 1] if number else None)
+            except CorruptError as error:
+                self._faults[link] = error.located(error.chunk or "", error.offset or 0)
+                raise self._fault(link, position) from error
+            self._recent[link] = whole
+            if len(self._recent) > self._most:
+                self._recent.popitem(last=False)
         return self._recent[position]
-
-    def _contents(self, chain: list[int], start: int) -> Generator[GopContent, None, None]:
-        """Yield what the GOPs of a chain hold, from the one at `start` on."""
-        if len(chain) - start < 2:
-            yield from (self._content(chain[: end + 1]) for end in range(start, len(chain)))
-            return
-        with ThreadPoolExecutor(_THREADS, "gsvr-planes") as threads:
-            waiting: deque[Future[GopContent]] = deque()
-            for end in range(start, len(chain)):
-                waiting.append(threads.submit(self._content, chain[: end + 1]))
-                if len(waiting) > _THREADS:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
 
     def _content(self, chain: list[int]) -> GopContent:
         """Decode what the last GOP of a chain holds."""
         entry = self._reader.gops[chain[-1]]
-        with self._reading:
-            payload = self._reader.read_gop(chain[-1])
+        payload = self._reader.read_gop(chain[-1])
         # Not before the checksum is known to be right: damage is no reason to stop.
         sizes = sum(self._reader.gops[link].size for link in chain)
         self._limits.check_expansion(4 * GAUSSIAN_PARAMETERS * entry.gaussians, sizes)

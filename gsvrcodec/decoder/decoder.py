@@ -47,6 +47,7 @@ class Decoder:
         device: str = "cpu",
         arrays: bool = False,
         tensors: bool = False,
+        planar: bool = False,
         limits: Limits | None = None,
         keep_going: bool = False,
     ) -> None:
@@ -55,7 +56,9 @@ class Decoder:
             raise UsageError("`arrays` and `tensors` exclude each other; give one")
         device = choose_device(device)
         self._limits = limits or Limits.from_environment()
-        self._gops = GopCache(source, self._limits, lambda gop: self._maker.prepare(gop))
+        self._gops = GopCache(
+            source, self._limits, lambda gop: self._maker.prepare(gop), ahead=threads != 1
+        )
         self._reader = self._gops.reader
         self._keep_going = keep_going
         self.lost_frames = 0  #: pictures left out by iteration with `keep_going`
@@ -71,6 +74,7 @@ class Decoder:
                 bit_depth=bit_depth,
                 backend=backend_on(device, threads),
                 tensors=tensors or (device != "cpu" and not arrays),
+                planar=planar,
             )
         except BaseException:
             self._gops.close()
@@ -405,6 +409,7 @@ def open(
     device: str = "cpu",
     arrays: bool = False,
     tensors: bool = False,
+    planar: bool = False,
     limits: Limits | None = None,
     keep_going: bool = False,
 ) -> Decoder:
@@ -421,11 +426,14 @@ def open(
         bit_depth: Bits a sample, 8 to 16; None = 8, or 10 for a source of more than 8. Pictures
             are uint8, or uint16 for more than 8 bits.
         threads: Threads for rendering; 0 = GSVR_THREADS or all cores. Does not change the pictures.
+            With 1, GOPs too are unpacked in the thread that asks for frames.
         device: Device for rendering: "cpu", "cuda", "cuda:N", or "auto" = the first usable GPU,
             else the CPU. A GPU renders to torch tensors in its memory.
         arrays: Copy the pictures of a GPU to NumPy arrays.
         tensors: Also give the pictures of the CPU as torch tensors, without a copy; this alone
             imports torch.
+        planar: Keep each channel of an 8-bit picture of the CPU together in memory. Pictures have
+            the same shape, (F, H, W, 3), and seen as (F, 3, H, W) they are contiguous.
         limits: Limits on the content; None = the defaults, or those of the environment.
         keep_going: Also open a file that is cut short, and leave out damaged GOPs when iterating.
 
@@ -447,6 +455,7 @@ def open(
         device=device,
         arrays=arrays,
         tensors=tensors,
+        planar=planar,
         limits=limits,
         keep_going=keep_going,
     )

@@ -5,24 +5,33 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
 from threading import Lock
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
 from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
+from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, Gop
 from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.render import Prepared
 
-#: GOPs kept in memory: enough for a few threads that read at different positions.
-CACHED_GOPS = 4
+P = ParamSpec("P")
+T = TypeVar("T")
+
+#: Bytes of GOPs kept in memory: of 640x320 pixels, about a hundred GOPs of 3500 Gaussians.
+CACHED_BYTES = 64 * 2**20
+#: What a GOP takes besides its parameters.
+_OBJECTS_BYTES = 2**14
+#: GOPs kept however large they are: enough for a few threads that read at different positions.
+LEAST_CACHED_GOPS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,12 +58,25 @@ class ReadyGop:
         return self.whole.durations
 
 
+class _AtOnce(Executor):
+    """Runs what it is given in the thread that gives it."""
+
+    def submit(self, call: Callable[P, T], /, *arguments: P.args, **named: P.kwargs) -> Future[T]:
+        """Run a call; the future has its result, or what it raised."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(call(*arguments, **named))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
 class GopCache:
-    """Unpacked GOPs of a file; the `CACHED_GOPS` used last stay in memory. Thread-safe.
+    """Unpacked GOPs of a file; those used last stay in memory, `CACHED_BYTES`. Thread-safe.
 
     A thread of the cache unpacks GOPs, so that the next GOP can be unpacked while frames of the
-    current GOP are rendered. It keeps as many GOPs without what rendering needs, for GOPs that
-    are predicted from them.
+    current GOP are rendered; without it they are unpacked by the thread that asks for them. The
+    cache keeps as many GOPs without what rendering needs, for GOPs that are predicted from them.
     """
 
     def __init__(
@@ -62,14 +84,21 @@ class GopCache:
         source: Readable,
         limits: Limits | None,
         prepare: Callable[[Gop], Prepared],
+        *,
+        ahead: bool = True,
     ) -> None:
-        """Open a file; call `prepare` once a GOP. Raises as `GsvrReader`."""
+        """Open a file; call `prepare` once a GOP. Raises as `GsvrReader`.
+
+        With `ahead`, a thread of the cache unpacks GOPs.
+        """
         self._limits = limits or Limits.from_environment()
         self.reader = GsvrReader(source, self._limits)
         self._prepare = prepare
         self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
-        self._unpacker = GopUnpacker(self.reader, self._limits, CACHED_GOPS)
-        self._worker = ThreadPoolExecutor(1, "gsvr-unpack")
+        self._most = _cached_gops(self.reader.header)
+        self._unpacker = GopUnpacker(self.reader, self._limits, self._most)
+        self._ahead = ahead
+        self._worker = ThreadPoolExecutor(1, "gsvr-unpack") if ahead else _AtOnce()
         self._lock = Lock()
         self._closed = False
 
@@ -89,6 +118,8 @@ class GopCache:
 
     def prefetch(self, position: int) -> None:
         """Start to unpack GOP `position` and then the next, if there is one; return at once."""
+        if not self._ahead:
+            return
         for number in (position, position + 1):
             if number < len(self.reader.gops):
                 self._future(number)
@@ -138,12 +169,21 @@ class GopCache:
             self.check_open()
             if position not in self._cache:
                 self._cache[position] = self._worker.submit(self._ready, position)
-                if len(self._cache) > CACHED_GOPS:
+                if len(self._cache) > self._most:
                     self._cache.popitem(last=False)
             self._cache.move_to_end(position)
             return self._cache[position]
 
     def _ready(self, position: int) -> ReadyGop:
-        """Unpack and prepare a GOP; on the unpacking thread alone."""
+        """Unpack and prepare a GOP; in one thread at a time."""
         whole = self._unpacker.unpack(position)
         return ReadyGop(self._prepare(by_level(whole.gop)), position, whole)
+
+
+def _cached_gops(header: Header) -> int:
+    """Return how many GOPs of a file may be kept in memory, all as large as the header allows."""
+    x, y, time = header.max_grid
+    grids = TRIPLANE_CHANNELS * (x * y + x * time + y * time)
+    parameters = GAUSSIAN_PARAMETERS * header.max_gaussians + grids
+    # One copy to render, one that it was made from, and one that other GOPs are predicted from.
+    return max(LEAST_CACHED_GOPS, CACHED_BYTES // (_OBJECTS_BYTES + 3 * 4 * parameters))

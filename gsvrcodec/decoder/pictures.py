@@ -41,6 +41,7 @@ class PictureMaker:
     bit_depth: int  #: bits a sample, 8 to 16
     backend: Backend  #: the renderer
     tensors: bool = False  #: pictures are torch tensors on the backend's device, not arrays
+    planar: bool = False  #: channels of 8-bit pictures of the CPU are planes in memory
 
     def __post_init__(self) -> None:
         """Raise a UsageError for unknown layers or a bit depth out of range."""
@@ -58,6 +59,8 @@ class PictureMaker:
     def empty(self, count: int, size: tuple[int, int]) -> Codes:
         """Return uninitialised pictures of `size`, shape (count, H, W, 3)."""
         place = self.backend.device if self.tensors else "cpu"
+        if self.planar and self.backend.device == "cpu" and self.bit_depth == 8:
+            return np.empty((count, 3, size[1], size[0]), np.uint8).transpose(0, 2, 3, 1)
         return empty_frames(count, size, bit_depth=self.bit_depth, device=place)
 
     def given(self, pictures: Codes) -> Codes:

@@ -15,7 +15,8 @@ import pytest
 import gsvrcodec
 from gsvrcodec import Decoder, Frame, FrameBatch
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.decoder.gop_cache import CACHED_GOPS
+from gsvrcodec.decoder import gop_cache
+from gsvrcodec.decoder.gop_cache import LEAST_CACHED_GOPS
 from gsvrcodec.errors import CorruptError, InputError, LimitError, NotGsvrError
 from tests import making
 from tests.decoder.film import STEPS, TIMES
@@ -74,9 +75,17 @@ class TestFrames:
         with pytest.raises(IndexError, match=f"frame {index} of a video of 20 frames"):
             decoder[index]
 
-    def test_few_gops_in_memory(self, decoder: Decoder) -> None:
-        for _ in decoder:
-            assert len(decoder._gops._cache) <= CACHED_GOPS
+    def test_gops_stay_in_memory(self, decoder: Decoder) -> None:
+        first = decoder._gops.get(0)
+        assert len(list(decoder)) == 20
+        assert len(decoder._gops._cache) == 7
+        assert decoder._gops.get(0) is first
+
+    def test_few_large_gops_in_memory(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(gop_cache, "CACHED_BYTES", 1)
+        with gsvrcodec.open(path) as decoder:
+            for _ in decoder:
+                assert len(decoder._gops._cache) <= LEAST_CACHED_GOPS
 
     def test_range_while_streaming(self, decoder: Decoder, sequence: list[Frame]) -> None:
         part = list(decoder.frames(4, 11))

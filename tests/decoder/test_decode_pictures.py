@@ -14,7 +14,6 @@ import gsvrcodec
 from gsvrcodec import Decoder, Frame
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.decoder.gop_cache import CACHED_GOPS
 from gsvrcodec.errors import LimitError, UsageError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
@@ -80,7 +79,6 @@ class TestRender:
         times = [Fraction(1000 + 317 * n, 90_000) for n in range(480)]
         for count, (number, picture) in enumerate(decoder.rendered(iter(times))):
             assert number == count
-            assert len(decoder._gops._cache) <= CACHED_GOPS
             if not number % 37:
                 assert np.array_equal(picture, decoder.render(times[number]))
         assert count == 479

@@ -15,7 +15,8 @@ import pytest
 import gsvrcodec
 from gsvrcodec import Decoder
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.decoder.gop_cache import CACHED_GOPS
+from gsvrcodec.decoder import gop_cache
+from gsvrcodec.decoder.gop_cache import LEAST_CACHED_GOPS
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.layers import Layers
 from tests import making
@@ -76,9 +77,11 @@ class TestFrames:
             for index, frame in zip(order, pool.map(decoder.get_frame_at, order), strict=True):
                 assert np.array_equal(frame.data, sequence[index])
 
-    def test_few_gops_in_memory(self, decoder: Decoder) -> None:
-        for _ in decoder:
-            assert len(decoder._gops._unpacker) <= CACHED_GOPS
+    def test_few_large_gops_in_memory(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(gop_cache, "CACHED_BYTES", 1)
+        with gsvrcodec.open(path) as decoder:
+            for _ in decoder:
+                assert len(decoder._gops._unpacker) <= LEAST_CACHED_GOPS
 
 
 class TestBetween:

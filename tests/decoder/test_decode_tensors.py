@@ -33,6 +33,26 @@ def test_equal_the_arrays(path: Path, bit_depth: int, dtype: torch.dtype) -> Non
             np.testing.assert_array_equal(tensor.numpy(), array)
 
 
+@pytest.mark.parametrize("size", [None, (45, 31)])
+def test_planar(path: Path, size: tuple[int, int] | None) -> None:
+    with (
+        gsvrcodec.open(path, size=size) as arrays,
+        gsvrcodec.open(path, size=size, planar=True) as planar,
+        gsvrcodec.open(path, size=size, planar=True, tensors=True) as tensors,
+    ):
+        between = arrays.metadata.begin_seconds + arrays.metadata.duration_seconds * 2 / 7
+        pictures = (
+            (decoder[2:13].data, decoder.render_many([between, 0.1]))
+            for decoder in (arrays, planar, tensors)
+        )
+        for expected, array, tensor in zip(*pictures, strict=True):
+            seen: Any = tensor
+            assert array.transpose(0, 3, 1, 2).flags.c_contiguous
+            assert seen.permute(0, 3, 1, 2).is_contiguous()
+            np.testing.assert_array_equal(array, expected)
+            np.testing.assert_array_equal(seen.numpy(), expected)
+
+
 def test_times_stay_arrays(path: Path, sequence: list[Frame]) -> None:
     with gsvrcodec.open(path, tensors=True) as decoder:
         batch = decoder[:]
