@@ -111,10 +111,8 @@ def unpack_planes(
         LimitError: A plane, or all planes together, are over `limits`.
     """
     limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
-    for entry in entries:
-        limits.check(
-            "plane_samples", entry.width * entry.height, "the number of samples of a plane"
-        )
+    most = max((entry.width * entry.height for entry in entries), default=0)
+    limits.check("plane_samples", most, "the number of samples of a plane")
     coded: dict[str, list[tuple[Quantiser, NDArray[np.uint16]]]] = defaultdict(list)
     stacks = _plane_stacks(shape)
     for entry in entries:

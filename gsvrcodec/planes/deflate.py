@@ -5,10 +5,9 @@ from __future__ import annotations
 import zlib
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gsvrcodec.errors import CorruptError
-from gsvrcodec.planes.samples import PlaneShape, Samples
+from gsvrcodec.planes.samples import PlaneShape, Samples, StoredSamples, checked
 
 _RAW_DEFLATE = -15
 #: Predictor, the first byte of the data.
@@ -46,9 +45,7 @@ def decode(data: bytes, shape: PlaneShape) -> Samples:
         raise CorruptError(f"damaged deflate stream ({error})") from error
     if len(planes) != expected or not inflater.eof or inflater.unused_data:
         raise CorruptError(f"deflate stream does not hold {expected} bytes and end there")
-    values = _join(planes, shape)
-    if int(values.max()) >= 1 << shape.bits:
-        raise CorruptError(f"sample {int(values.max())} in a plane of {shape.bits} bits")
+    values = checked(_join(planes, shape), shape)
     return values if data[0] == _PREDICT_NONE else _integrate(values, shape.bits)
 
 
@@ -65,12 +62,12 @@ def _differences(samples: Samples, bits: int) -> Samples:
 
 def _integrate(values: Samples, bits: int) -> Samples:
     """The inverse of `_differences`."""
-    zigzag: NDArray[np.int32] = values.astype(np.int32)
-    change = (zigzag >> 1) ^ -(zigzag & 1)
-    # Sums wrap modulo 2**32; only their lowest 16 bits are used.
-    change[:, 0] = np.cumsum(change[:, 0], dtype=np.int32)
-    total = np.cumsum(change, axis=1, dtype=np.int32)
-    return (total & ((1 << bits) - 1)).astype(np.uint16)
+    # Sums wrap modulo 2**16, of which 2**bits is a part.
+    total = (values >> 1) ^ -(values & 1)
+    np.cumsum(total[:, 0], out=total[:, 0])
+    np.cumsum(total, axis=1, out=total)
+    total &= np.uint16((1 << bits) - 1)
+    return total
 
 
 def _split(values: Samples, shape: PlaneShape) -> bytes:
@@ -81,10 +78,9 @@ def _split(values: Samples, shape: PlaneShape) -> bytes:
     return low + (values >> 8).astype(np.uint8).tobytes()
 
 
-def _join(planes: bytes, shape: PlaneShape) -> Samples:
+def _join(planes: bytes, shape: PlaneShape) -> StoredSamples:
     """The inverse of `_split`."""
     parts = np.frombuffer(planes, np.uint8).reshape(-1, shape.height, shape.width)
-    values: Samples = parts[0].astype(np.uint16)
-    if shape.stored_bytes == 2:
-        values |= parts[1].astype(np.uint16) << 8
-    return values
+    if len(parts) == 1:
+        return parts[0]
+    return parts[0] | parts[1].astype(np.uint16) << 8
