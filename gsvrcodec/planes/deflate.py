@@ -63,7 +63,8 @@ def _differences(samples: Samples, bits: int) -> Samples:
 def _integrate(values: Samples, bits: int) -> Samples:
     """The inverse of `_differences`."""
     # Sums wrap modulo 2**16, of which 2**bits is a part.
-    total = (values >> 1) ^ -(values & 1)
+    one = np.uint16(1)
+    total: Samples = (values >> one) ^ -(values & one)
     np.cumsum(total[:, 0], out=total[:, 0])
     np.cumsum(total, axis=1, out=total)
     total &= np.uint16((1 << bits) - 1)
@@ -81,6 +82,7 @@ def _split(values: Samples, shape: PlaneShape) -> bytes:
 def _join(planes: bytes, shape: PlaneShape) -> StoredSamples:
     """The inverse of `_split`."""
     parts = np.frombuffer(planes, np.uint8).reshape(-1, shape.height, shape.width)
-    if len(parts) == 1:
-        return parts[0]
-    return parts[0] | parts[1].astype(np.uint16) << 8
+    values: StoredSamples = parts[0]
+    if shape.stored_bytes == 2:
+        values = values | parts[1].astype(np.uint16) << 8
+    return values
