@@ -2,7 +2,8 @@
 
 * same: local workers, Python's executor, Dask and, if installed, loky, Ray and MPI, with 2 workers
   each, give the same bytes; wall and CPU time of each, median of --runs, workers started anew for
-  each run. CPU time leaves out processes that Ray and MPI start by others.
+  each run, but for a Dask that is running, also with a shared source. CPU time leaves out processes
+  that Ray and MPI start by others.
 * killed: three workers, one of which is killed with -9 half-way.
 * lost: the scheduler is killed half-way; the encode is resumed.
 * memory: most memory of client and scheduler while a film of 1280x720 goes to three workers. They
@@ -21,7 +22,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from itertools import cycle, islice
@@ -33,12 +34,15 @@ import click
 import numpy as np
 
 import gsvrcodec
+from gsvrcodec.cli.values import size as picture_size
 from gsvrcodec.encoder.encode import Progress
 from gsvrcodec.errors import ClusterError
 from gsvrcodec.video import open_video, open_writer
 from tests import making
 from tests.benchmarks.machine import machine
-from tests.encoder.clusters import Machines, example, machines
+from tests.encoder.clusters import Machines, Process, example, machines
+
+_KINDS = "local,ProcessPoolExecutor,Dask,Dask running,Dask shared,loky,Ray,MPI"
 
 #: Ten chains of 20 frames, of two GOPs each.
 SETTINGS: dict[str, Any] = {
@@ -94,10 +98,15 @@ def timed(source: Path, target: Path, executor: Executor | None, **more: Any) ->
     return time.perf_counter() - began
 
 
-def cpu() -> float:
-    """CPU seconds of this process and of all that it started and that have ended."""
+def cpu(running: Sequence[Process]) -> float:
+    """CPU seconds of this process and of all that it started and that have ended, or are given."""
     found = os.times()
-    return found.user + found.system + found.children_user + found.children_system
+    ticks = 0
+    for process in running:
+        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    ended = found.user + found.system + found.children_user + found.children_system
+    return ended + ticks / os.sysconf("SC_CLK_TCK")
 
 
 def same(directory: Path, source: Path, runs: int, names: str) -> None:
@@ -107,9 +116,16 @@ def same(directory: Path, source: Path, runs: int, names: str) -> None:
     expected = md5(target)
     print(f"--workers 1: {expected}")
 
+    running: list[Process] = []
+
     @contextmanager
     def dask() -> Iterator[Executor]:
         with machines(2) as two, gsvrcodec.Cluster(two.address) as found:
+            yield joined(found, 2)
+
+    @contextmanager
+    def running_dask() -> Iterator[Executor]:
+        with gsvrcodec.Cluster(always.address) as found:
             yield joined(found, 2)
 
     @contextmanager
@@ -131,6 +147,8 @@ def same(directory: Path, source: Path, runs: int, names: str) -> None:
         "local": lambda: nullcontext(),
         "ProcessPoolExecutor": lambda: ProcessPoolExecutor(2, mp_context=spawn),
         "Dask": dask,
+        "Dask running": running_dask,
+        "Dask shared": running_dask,
     }
     try:
         import loky
@@ -145,18 +163,23 @@ def same(directory: Path, source: Path, runs: int, names: str) -> None:
             del kinds[name]
     kinds = {name: kind for name, kind in kinds.items() if name in names.split(",")}
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in kinds}
-    for _ in range(runs):
-        for name, kind in kinds.items():
-            began = cpu()
-            with kind() as executor:
-                # Local workers are started anew by every encode, so all others are too.
-                wall = timed(source, target, executor, workers=2)
-            times[name].append((wall, cpu() - began))
-            assert md5(target) == expected, name
-            print(f"  {name:20} {wall:6.1f} s, {times[name][-1][1]:6.1f} s of CPU", flush=True)
+    with machines(2) as always:
+        running += [always.scheduler, *always.workers]
+        with running_dask() as found:
+            timed(source, target, found, workers=2)  # loads what workers need
+        for _ in range(runs):
+            for name, kind in kinds.items():
+                began = cpu(running)
+                with kind() as executor:
+                    # Local workers are started anew by every encode, so all others but one are too.
+                    more = {"shared_source": True} if name == "Dask shared" else {}
+                    wall = timed(source, target, executor, workers=2, **more)
+                times[name].append((wall, cpu(running) - began))
+                assert md5(target) == expected, name
+                print(f"  {name:20} {wall:6.1f} s, {times[name][-1][1]:6.1f} s of CPU", flush=True)
     base, base_cpu = (statistics.median(each) for each in zip(*times["local"], strict=True))
-    for name, found in times.items():
-        wall, used = (statistics.median(each) for each in zip(*found, strict=True))
+    for name, rounds in times.items():
+        wall, used = (statistics.median(each) for each in zip(*rounds, strict=True))
         print(
             f"{name:20} {wall:6.1f} s ({wall / base - 1:+.0%}), "
             f"{used:6.1f} s of CPU ({used / base_cpu - 1:+.0%}), same bytes"
@@ -288,9 +311,10 @@ class Memory:
 @click.command()
 @click.argument("what", type=click.Choice(["same", "killed", "lost", "memory"]))
 @click.option("--runs", default=3, show_default=True, type=click.IntRange(min=1))
-@click.option("--only", default="local,ProcessPoolExecutor,Dask,loky,Ray,MPI", show_default=True)
+@click.option("--only", default=_KINDS, show_default=True)
+@click.option("--size", default="160x96", show_default=True, type=picture_size, help="Of others.")
 @click.option("--frames", default=2000, show_default=True, help="Of the film for memory.")
-def main(what: str, runs: int, only: str, frames: int) -> None:
+def main(what: str, runs: int, only: str, frames: int, size: tuple[int, int]) -> None:
     """Measure executors and clusters."""
     print(machine())
     with tempfile.TemporaryDirectory() as name:
@@ -298,7 +322,7 @@ def main(what: str, runs: int, only: str, frames: int) -> None:
         if what == "memory":
             memory(directory, frames)
             return
-        source = film(directory / "small.mkv", 200, (160, 96))
+        source = film(directory / "small.mkv", 200, size)
         functions: dict[str, Any] = {
             "same": functools.partial(same, runs=runs, names=only),
             "killed": killed,
