@@ -29,7 +29,7 @@ class Inputs:
     #: of a drive with the default settings: 2.5 s on 2 cores (README)
     fit_seconds: float = 5.0
     #: wall time of the first pass over the drive on 2 cores, where it is read while it is analysed
-    analyse_seconds: float = 0.0135
+    analyse_seconds: float = 0.0138
     #: CPU time of 50 frames of the drive: reading, packing
     read_seconds: float = 0.0127
     pack_seconds: float = 0.0126
