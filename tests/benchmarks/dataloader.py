@@ -9,7 +9,8 @@ seen last, a second row gives the speed of decoders that are opened anew for eac
 
 In each round all readers are asked for the same clips; a first round, which starts the workers, is
 not timed. `--size` scales the pictures: ours are rendered at that size, the others decoded and
-scaled by swscale, or by torchcodec.
+scaled by swscale, or by torchcodec. Of torchcodec's wheels 0.11 to 0.13 load with the CPU build of
+PyTorch 2.13; earlier ones do not, and later ones need libraries of CUDA.
 """
 
 from __future__ import annotations
