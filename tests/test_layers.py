@@ -88,7 +88,7 @@ ONLY_IN = {
     ("encoder", "decoder"): {"verify.py"},
     ("encoder", "imagecodecs"): {"packed.py"},
     ("encoder", "dask"): {"cluster.py"},
-    ("encoder", "distributed"): {"cluster.py"},
+    ("encoder", "distributed"): {"cluster.py", "cluster_worker.py"},
     ("report", "matplotlib"): {"plot.py"},
     ("fit", "torchvision"): {"flow.py"},
     ("cli", "encoder"): {"enc.py", "progress.py"},

@@ -34,9 +34,6 @@ class ReadHere(ChainReader):
     Args:
         video: the source.
         pack: pack the pictures of each GOP as soon as they are read.
-
-    Raises:
-        InputError: the video has become shorter.
     """
 
     def __init__(self, video: VideoReader, *, pack: bool) -> None:
@@ -44,7 +41,7 @@ class ReadHere(ChainReader):
         self._frames: Iterator[SourceFrame] = iter(video)
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
-        """Read the frames of a chain."""
+        """Read the frames of a chain; InputError if the video has become shorter."""
         info, read = self._info, ChainFrames(chain, [], [], [])
         for number, gop in enumerate(chain):
             kept = len(gop) if number >= finished else 0
@@ -68,7 +65,7 @@ class ReadHere(ChainReader):
 
 
 class ReadThere(ChainReader):
-    """Leaves reading to workers that see the source at the same path.
+    """Leaves the reading to workers, which see the source at the same path.
 
     Args:
         video: the source, a file.
@@ -88,10 +85,10 @@ class ReadThere(ChainReader):
         read = ChainFrames(chain, [], [], [])
         for gop in chain:
             own = slice(gop.start, gop.stop)
-            times = (np.array(ticks[own], np.int64) for ticks in (known.pts, known.durations))
-            for kept, ticks in zip((read.pts, read.durations), times, strict=True):
-                kept.append(ticks)
-            read.pictures.append(SharedPictures(source, known.pts[own], known.checksums[own]))
+            pts, durations = known.pts[own], known.durations[own]
+            read.pictures.append(SharedPictures(source, pts, known.checksums[own]))
+            read.pts.append(np.array(pts, np.int64))
+            read.durations.append(np.array(durations, np.int64))
         return read
 
     def skip(self, chain: Chain) -> None:

@@ -7,22 +7,18 @@ is done they are kept in a temporary file, so that another worker can have it if
 from __future__ import annotations
 
 import logging
-import os
 import pickle
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
 from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from gsvrcodec.encoder.chain_task import ChainTask, FittedGop, encode_chain, one_by_one
-from gsvrcodec.encoder.jobs import encode_gop
-from gsvrcodec.encoder.workers import sendable
+from gsvrcodec.encoder.chain_task import FittedGop, encode_chain
+from gsvrcodec.encoder.cluster_worker import LOAD, VERSIONS, encoded, fault
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
-from gsvrcodec.versions import versions
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -40,13 +36,6 @@ _WATCH_SECONDS = 1.0
 _DEATHS = 3
 #: Chains whose frames are sent at the same time; more would only take memory.
 _SENDERS = 2
-
-#: Evaluated by workers, which may not have gsvrcodec at all.
-_VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
-#: Loads what a fit needs, while the film is still analysed.
-_LOAD = "__import__('gsvrcodec.encoder.jobs') and None"
-#: Versions that must be the same, and those without which files may differ.
-_REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")
 
 _log = logging.getLogger(__name__)
 
@@ -183,7 +172,7 @@ class Cluster(Executor):
         with self._sending:
             stored.seek(0)
             sent = self._client.scatter(stored.read(), [address], direct=True, hash=False)
-        remote = self._client.submit(_encoded, sent, threads, pure=False, **place)
+        remote = self._client.submit(encoded, sent, threads, pure=False, **place)
         future.add_done_callback(lambda done: remote.cancel() if done.cancelled() else None)
         found: list[FittedGop] | Exception = remote.result()
         if isinstance(found, Exception):
@@ -231,17 +220,17 @@ class Cluster(Executor):
         """
         there = set(self._client.nthreads())
         come = there - self._crew.keys() - self._refused
-        told = self._client.run(eval, _VERSIONS, workers=list(come), on_error="return")
+        told = self._client.run(eval, VERSIONS, workers=list(come), on_error="return")
         for address in come:
-            fault = _fault(address, told.get(address))
-            if fault and refuse:
-                raise ClusterError(fault)
-            if fault:
-                _log.warning("%s; it is left out", fault)
+            wrong = fault(address, told.get(address))
+            if wrong and refuse:
+                raise ClusterError(wrong)
+            if wrong:
+                _log.warning("%s; it is left out", wrong)
                 self._refused.add(address)
         come -= self._refused
         self._loading += [
-            self._client.submit(eval, _LOAD, workers=[address], pure=False) for address in come
+            self._client.submit(eval, LOAD, workers=[address], pure=False) for address in come
         ]
         with self._changed:
             for address in self._crew.keys() - there:
@@ -287,46 +276,3 @@ def _quiet(on: bool) -> None:
     """Keep Dask from writing to the standard error; our errors say the same in one sentence."""
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL if on else logging.WARNING)
-
-
-def _fault(address: str, told: Any) -> str | None:
-    """Return why the versions of a worker forbid it; warn of versions that may change bytes."""
-    if isinstance(told, ModuleNotFoundError):
-        return f"the worker at {address} has no gsvrcodec ({told})"
-    if not isinstance(told, Mapping):
-        return f"the worker at {address} does not tell its version of gsvrcodec ({told})"
-    own = versions()
-    for name in (*_REQUIRED, *_WANTED):
-        if told.get(name) == own[name]:
-            continue
-        what = f"has {name} {told.get(name)}, not {own[name]}"
-        if name in _REQUIRED:
-            return f"the worker at {address} {what}"
-        _log.warning("a worker %s: the file may differ from one that is made here", what)
-    return None
-
-
-def _encoded(data: bytes, threads: int) -> list[FittedGop] | Exception:
-    """Encode a pickled chain on a worker, and return the GOPs or the error.
-
-    Args:
-        data: the chain.
-        threads: native threads; 0 = GSVR_THREADS, or as many as the worker was started with.
-    """
-    from distributed import get_worker
-
-    worker = get_worker()
-    key = worker.get_current_task()
-    if not threads and "GSVR_THREADS" not in os.environ:
-        threads = worker.state.nthreads
-    done: list[FittedGop] = []
-    try:
-        task: ChainTask = pickle.loads(data)
-        for gop in one_by_one(task.jobs(), encode_gop, threads):
-            done.append(gop)
-            known = worker.state.tasks.get(key)
-            if known is None or known.state != "executing":
-                break  # nobody wants it any more
-    except Exception as error:
-        return sendable(error)
-    return done

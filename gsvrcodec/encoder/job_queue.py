@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain as joined
 from itertools import islice
 
 from gsvrcodec.encoder.budget import Budget
@@ -96,7 +96,7 @@ def all_tasks(
     first = list(islice(planned, 1))
     return (
         task
-        for chains, budgets in itertools.chain(first, planned)
+        for chains, budgets in joined(first, planned)
         for task in _tasks(chains, budgets, settings, checkpoint, began, reader, workers)
     )
 

@@ -37,11 +37,12 @@ class SharedSource:
 
     def __init__(self, path: str, options: Mapping[str, Any]) -> None:
         self._path, self._options = path, options
+        self._video: VideoReader | None = None
         self._going_on: _Frames = iter(())  # behind the last picture that was read
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the open file."""
-        return {**self.__dict__, "_going_on": iter(())}
+        return {**self.__dict__, "_video": None, "_going_on": iter(())}
 
     def pictures(self, pts: Sequence[int], checksums: Sequence[int]) -> Pictures:
         """Read successive pictures, (F, H, W, 3) RGB.
@@ -54,7 +55,7 @@ class SharedSource:
             InputError: the file cannot be read here, or has other pictures.
         """
         try:
-            video = open_video(self._path, **self._options)
+            video = self._video = self._video or open_video(self._path, **self._options)
             for frames in chain((self._going_on,), self._starts(video, pts[0])):
                 with suppress(NotAVideoError):  # it cannot be sought
                     found = _matching(frames, pts, checksums)

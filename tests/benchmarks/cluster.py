@@ -232,7 +232,7 @@ def memory(directory: Path, frames: int) -> None:
 
     source = repeated(directory / "large.mp4", -(-frames // 132))
     unpacking = eval(UNPACKING, {"__name__": "nowhere"})  # sent by value
-    cluster._encoded = unpacking
+    vars(cluster)["encoded"] = unpacking
     with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
         joined(found, 3)
         with Memory(three) as watched:

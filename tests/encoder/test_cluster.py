@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import gsvrcodec
-from gsvrcodec.encoder import cluster
+from gsvrcodec.encoder import cluster, cluster_worker
 from gsvrcodec.encoder.progress import Progress
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
 from gsvrcodec.versions import versions
@@ -132,7 +132,7 @@ class TestWhatDies:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         deadly = eval("lambda data, threads: __import__('os')._exit(1)", {"__name__": "nowhere"})
-        monkeypatch.setattr(cluster, "_encoded", deadly)
+        monkeypatch.setattr(cluster, "encoded", deadly)
         with machines(3) as three, gsvrcodec.Cluster(three.address) as found:
             joined(found, 3)
             with pytest.raises(WorkerError, match="3 workers died of the chain of GOPs at frame 0"):
@@ -193,11 +193,11 @@ class TestRefused:
             gsvrcodec.Cluster(one.address)
 
     def test_other_kernels_are_a_warning(self, caplog: pytest.LogCaptureFixture) -> None:
-        assert cluster._fault("x", versions()) is None
+        assert cluster_worker.fault("x", versions()) is None
         assert not caplog.records
-        assert cluster._fault("x", versions() | {"native core": "avx2"}) is None
+        assert cluster_worker.fault("x", versions() | {"native core": "avx2"}) is None
         assert "a worker has native core avx2, not" in caplog.text
-        assert cluster._fault("x", OSError("why")) is not None
+        assert cluster_worker.fault("x", OSError("why")) is not None
 
     def test_other_work(self) -> None:
         found = gsvrcodec.Cluster.__new__(gsvrcodec.Cluster)
