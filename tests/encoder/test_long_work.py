@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 import gsvrcodec
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.encode import EncodeResult, Progress
+from gsvrcodec.encoder.tuned import LOOKAHEAD
 from gsvrcodec.errors import OutputError, VerificationError
 from tests import making
 
@@ -30,7 +32,7 @@ class Stop(Exception):
     """Ends an encode half-way."""
 
 
-def stopped(target: Path, after: int, **settings: Any) -> None:
+def stopped(target: Path, after: int, source: Path = making.NOISE, **settings: Any) -> None:
     """Encode until so many GOPs are done."""
 
     def stop(state: Progress) -> None:
@@ -38,7 +40,7 @@ def stopped(target: Path, after: int, **settings: Any) -> None:
             raise Stop
 
     with pytest.raises(Stop):
-        quick(making.NOISE, target, progress=stop, **settings)
+        quick(source, target, progress=stop, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +82,21 @@ class TestWorkersAndResume:
         assert calls[0].eta_seconds is None
         assert target.read_bytes() == whole
         assert [path.name for path in tmp_path.iterdir()] == ["a.gsvr"]
+
+    def test_a_film_of_several_sections(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Two shots, of which the longer ones are divided."""
+        tuned = replace(LOOKAHEAD, seconds=0.2)
+        monkeypatch.setattr("gsvrcodec.encoder.lookahead.LOOKAHEAD", tuned)
+        settings: dict[str, Any] = {"gop": 4, "keyint": 0.2, "gaussians": 40, "pack": "deflate"}
+        whole = quick(making.ODD, tmp_path / "a.gsvr", workers=1, **settings)
+        assert [gop.key for gop in whole.gop_stats].count(True) > 3
+        target = tmp_path / "b.gsvr"
+        for after in (1, 3):
+            stopped(target, after, making.ODD, resume=True, workers=after, **settings)
+        quick(making.ODD, target, resume=True, workers=2, **settings)
+        assert target.read_bytes() == (tmp_path / "a.gsvr").read_bytes()
 
     def test_resuming_nothing_is_encoding(self, whole: bytes, tmp_path: Path) -> None:
         quick(making.NOISE, tmp_path / "a.gsvr", resume=True, **SETTINGS)
