@@ -18,10 +18,10 @@ class Progress:
     gop: int  #: GOPs done
     gops: int  #: GOPs in all, of what is analysed
     frames_done: int
-    frames: int  #: in all; what the container tells until all of them are analysed
+    frames: int  #: in all; what the container tells, or is analysed, until all of them are
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
-    eta_seconds: float | None  #: wall time still to go
+    eta_seconds: float | None  #: wall time still to go; None = not known yet
     chains_done: int = 0  #: chains of GOPs of which all are done
     chains: int = 0  #: in all, of what is analysed
     workers: int = 1  #: chains that can be fitted at the same time, now
@@ -73,6 +73,7 @@ class Meter:
         fitted = sum(len(gop) for gop in done if gop not in self._resumed)
         if not complete:
             frames = max(frames, self._expected or 0)
+        foreseen = complete or self._expected is not None
         pace = None
         if fitted:
             pace = (time.perf_counter() - self._began) / fitted
@@ -85,7 +86,7 @@ class Meter:
                 frames=frames,
                 psnr=total / frames_done if done else None,
                 seconds_per_frame=pace,
-                eta_seconds=None if pace is None else pace * (frames - frames_done),
+                eta_seconds=pace * (frames - frames_done) if pace and foreseen else None,
                 chains_done=sum(all(gop in self._checkpoint for gop in chain) for chain in chains),
                 chains=len(chains),
                 workers=self._workers(),

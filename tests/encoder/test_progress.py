@@ -53,6 +53,20 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [call.eta_seconds for call in calls] == [None, 30.0, 0.0]
 
 
+def test_a_film_of_unknown_length_has_no_eta() -> None:
+    calls = list[Progress]()
+    with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
+        film = Film(GOPS[:2], [GOPS[:2]], complete=False)
+        meter = Meter(film, checkpoint, 0.0, calls.append)
+        checkpoint.add(GOPS[0], figures(30.0), b"")
+        meter.report()
+        film.complete = True
+        meter.report()
+    assert [call.frames for call in calls] == [10, 10]
+    assert calls[0].seconds_per_frame is not None
+    assert [call.eta_seconds is None for call in calls] == [True, False]
+
+
 def test_nobody_wants_to_know() -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         Meter(Film(GOPS, [GOPS]), checkpoint, 0.0, None).report()
