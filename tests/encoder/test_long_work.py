@@ -93,8 +93,7 @@ class TestWorkersAndResume:
         whole = quick(making.ODD, tmp_path / "a.gsvr", workers=1, **settings)
         assert [gop.key for gop in whole.gop_stats].count(True) > 3
         target = tmp_path / "b.gsvr"
-        for after in (1, 3):
-            stopped(target, after, making.ODD, resume=True, workers=after, **settings)
+        stopped(target, 3, making.ODD, workers=1, **settings)
         quick(making.ODD, target, resume=True, workers=2, **settings)
         assert target.read_bytes() == (tmp_path / "a.gsvr").read_bytes()
 
