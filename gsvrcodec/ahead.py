@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import TypeVar, cast
 
 T = TypeVar("T")
 
@@ -26,6 +26,6 @@ def ahead(items: Iterator[T], count: int, name: str) -> Generator[T, None, None]
             coming = deque(worker.submit(next, items, end) for _ in range(count))
             while (item := coming.popleft().result()) is not end:
                 coming.append(worker.submit(next, items, end))
-                yield item  # type: ignore[misc]  # it is not the end
+                yield cast(T, item)
         finally:
             worker.shutdown(cancel_futures=True)

@@ -22,7 +22,7 @@ from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.video import OutputInfo, open_video, open_writer
+from gsvrcodec.video import OutputInfo, open_writer
 from tests.gops import make_carried, make_modes
 
 SAMPLES = Path(__file__).parent.parent / "samples"
@@ -75,22 +75,6 @@ def write_video(path: Path, pictures: list[Rgb], info: OutputInfo | None = None)
     with open_writer(path, info or output_info(pictures)) as writer:
         for pts, rgb in enumerate(pictures):
             writer.write(rgb, pts, 1)
-    return path
-
-
-def h264(path: Path, options: dict[str, str]) -> Path:
-    """Write the frames of NOISE by x264 with these options, 25 a second."""
-    with open_video(NOISE) as video:
-        pictures = [frame.rgb for frame in video]
-    with av.open(path, "w") as file:
-        stream = file.add_stream("libx264", rate=25, options=options)
-        stream.height, stream.width = pictures[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        for number, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-            frame.pts = number
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode(None))
     return path
 
 

@@ -59,10 +59,10 @@ class ReadyGop:
 
 
 class _AtOnce(Executor):
-    """Runs what it is given in the thread that gives it."""
+    """Runs each call in the calling thread."""
 
     def submit(self, call: Callable[P, T], /, *arguments: P.args, **named: P.kwargs) -> Future[T]:
-        """Run a call; the future has its result, or what it raised."""
+        """Run a call; the future has the result or the error."""
         future: Future[T] = Future()
         try:
             future.set_result(call(*arguments, **named))
@@ -185,5 +185,5 @@ def _cached_gops(header: Header) -> int:
     x, y, time = header.max_grid
     grids = TRIPLANE_CHANNELS * (x * y + x * time + y * time)
     parameters = GAUSSIAN_PARAMETERS * header.max_gaussians + grids
-    # One copy to render, one that it was made from, and one that other GOPs are predicted from.
+    # One copy to render, its original, and the reference of the next GOP.
     return max(LEAST_CACHED_GOPS, CACHED_BYTES // (_OBJECTS_BYTES + 3 * 4 * parameters))

@@ -36,7 +36,7 @@ class ChainTask:
     settings: EncodeSettings
     finished: Sequence[EncodedGop]  #: results of its first GOPs, which are not done again
     seconds: float | None  #: wall time for the others; None = by the preset
-    sources: str = field(default_factory=sources)  #: digest of the code that made it
+    sources: str = field(default_factory=sources)  #: digest of the code of the encoding process
 
     @property
     def first_frame(self) -> int:

@@ -15,7 +15,7 @@ from gsvrcodec.versions import versions
 
 #: Evaluated by workers, which may not have gsvrcodec at all.
 VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
-#: Loads what a fit needs, while the film is still analysed.
+#: Loads the libraries of a fit during the analysis of the film.
 LOAD = "__import__('gsvrcodec.encoder.jobs') and None"
 #: Versions that must be the same, and those without which files may differ.
 _REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")

@@ -151,7 +151,7 @@ def encode(
             raise NotAVideoError(f"{path} has no video frames")
         gops, stats = lookahead.gops, lookahead.stats
 
-        # Plan each section: what its GOPs get.
+        # Plan each section: a budget for each of its GOPs.
         extras = read_extras(path, chosen.copied_kinds, _span(lookahead, video.info, chosen))
         begin = partial(_begin, info=video.info, settings=chosen, extras=extras)
         planned: list[Budget] = []
@@ -218,7 +218,7 @@ def encode(
 def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
     """The time to keep of sound and subtitles: all of it at an end where no frame is cut off.
 
-    Where the end is cut off, this waits for it to be analysed.
+    A cut-off end has to be analysed first.
     """
     start = stop = None
     if settings.start_frame or settings.start_seconds is not None:

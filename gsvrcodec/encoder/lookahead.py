@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import count
+from functools import partial
 from math import ceil
 from types import TracebackType
 from typing import Self
@@ -36,7 +36,7 @@ class Section:
 
 
 class Lookahead:
-    """Analyses a film in a thread, and slices it section by section.
+    """Analyses a film in a thread, section by section, and slices each section into GOPs.
 
     A section is a shot. A long shot is divided, so that its fit can begin before its end is known.
     Where bits or time are shared out, the whole film is one section. The attributes say what is
@@ -92,28 +92,34 @@ class Lookahead:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the thread, after the frame that it is at."""
+        """End the thread after its current frame."""
         self._closed = True
         if self._thread.is_alive():
             self._thread.join()
 
     def sections(self) -> Iterator[Section]:
-        """Yield the sections, each when it is known; raises what reading the source raises."""
-        for number in count():
-            self._wait(lambda known=number: len(self._sections) > known)  # type: ignore[misc]
-            if number == len(self._sections):
+        """Yield each section as soon as its end is known; raises the errors of `VideoReader`."""
+        given = 0
+        while True:
+            self._wait(partial(self._has_more, given))
+            if given == len(self._sections):
                 return
-            yield self._sections[number]
+            yield self._sections[given]
+            given += 1
 
     def until(self, enough: Callable[[list[Chain]], bool]) -> list[Chain]:
-        """Wait for enough chains, or for the end of the film; return those that are known."""
+        """Wait for enough chains, or for the end of the film; return all chains known by then."""
         self._wait(lambda: enough(self.chains))
         return self.chains[:]
 
     def end(self) -> int:
-        """Return when the last frame ends, ticks, after waiting for it."""
+        """Wait for the end of the film, and return it in ticks."""
         self._wait(lambda: False)
         return self.pts[-1] + self.durations[-1] if self.pts else 0
+
+    def _has_more(self, than: int) -> bool:
+        """Whether more sections are known than this number."""
+        return len(self._sections) > than
 
     def _wait(self, met: Callable[[], bool]) -> None:
         """Wait until a condition is met or the film is complete."""
@@ -126,8 +132,9 @@ class Lookahead:
         try:
             self._slice(self._analysed())
             if not self._closed:
-                kept = (self.stats, self.pts, self.durations, self.checksums)
-                self._checkpoint.keep_analysis(Analysis(*map(tuple, kept)))  # type: ignore[arg-type]
+                pts, durations = tuple(self.pts), tuple(self.durations)
+                sums = tuple(self.checksums)
+                self._checkpoint.keep_analysis(Analysis(tuple(self.stats), pts, durations, sums))
         except BaseException as error:
             with self._changed:
                 self._error = error
@@ -175,7 +182,7 @@ class Lookahead:
         return round(seconds / self._video.info.time_base)
 
     def _add(self, begin: int, end: int, *, last: bool = False) -> None:
-        """Slice a section and make it known; the last one is empty if the film is."""
+        """Slice a section and publish it."""
         info, stats = self._video.info, self.stats[begin:end]
         ticks = sum(self.durations[begin:end])
         seconds = float(ticks * info.time_base)

@@ -16,14 +16,14 @@ class Progress:
     """State of an encode after a GOP, or before the first (`gop` 0)."""
 
     gop: int  #: GOPs done
-    gops: int  #: GOPs in all, of what is analysed
+    gops: int  #: all GOPs of the frames analysed so far
     frames_done: int
-    frames: int  #: in all; what the container tells, or is analysed, until all of them are
+    frames: int  #: all frames; until `analysed` a number by the container, or those analysed so far
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
     eta_seconds: float | None  #: wall time still to go; None = not known yet
     chains_done: int = 0  #: chains of GOPs of which all are done
-    chains: int = 0  #: in all, of what is analysed
+    chains: int = 0  #: all chains of the frames analysed so far
     workers: int = 1  #: chains that can be fitted at the same time, now
     analysed: bool = True  #: whether the whole film is analysed, so that all numbers are final
 
@@ -66,7 +66,7 @@ class Meter:
         """Call back."""
         if self._progress is None:
             return
-        complete = self._known.complete  # asked first, so that what follows belongs to it
+        complete = self._known.complete  # first, because the lists grow
         gops, chains = self._known.gops[:], self._known.chains[:]
         done = [gop for gop in gops if gop in self._checkpoint]
         frames, frames_done = gops[-1].stop, sum(map(len, done))

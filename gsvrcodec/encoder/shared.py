@@ -1,4 +1,4 @@
-"""Pictures that a worker reads from the source by itself, where it sees the same file."""
+"""Pictures of a source that workers see at the same path, read by the worker that fits them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def checksum(picture: Rgb) -> int:
 
 
 class SharedSource:
-    """A file that several processes see; can be pickled, and is opened where it is read.
+    """A file that several processes see; its pickle opens the file anew.
 
     Args:
         path: of the file, absolute.
@@ -57,7 +57,7 @@ class SharedSource:
         try:
             video = self._video = self._video or open_video(self._path, **self._options)
             for frames in chain((self._going_on,), self._starts(video, pts[0])):
-                with suppress(NotAVideoError):  # it cannot be sought
+                with suppress(NotAVideoError):  # no seeking in this file
                     found = _matching(frames, pts, checksums)
                     if found is not None:
                         self._going_on = frames

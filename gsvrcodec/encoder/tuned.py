@@ -36,8 +36,8 @@ class _Analysis:
 class _Lookahead:
     """How much of a shot is planned together."""
 
-    #: seconds; twice of it are analysed before the fit of a longer shot begins, and eight chains of
-    #: the default length keep a machine busy while the next are analysed
+    #: seconds; the fit of a longer shot begins after twice as many, and eight chains of the default
+    #: length keep a machine busy during the analysis of the next
     seconds: float = 32.0
 
 

@@ -91,7 +91,7 @@ class VideoReader:
 
     @property
     def expected_frames(self) -> int | None:
-        """How many of the chosen frames there are by the container; None = it does not tell."""
+        """Number of the chosen frames by the container; None = not given."""
         info, part = self.info, self._part
         rate = float(info.average_rate or 0)
         total = info.frames
@@ -172,7 +172,7 @@ class VideoReader:
             raise UsageError(f"{where}: {info.path} has {count} frames")
 
     def _picture(self, frame: av.VideoFrame, where: str) -> Rgb:
-        """Return the cropped picture of a frame; `where` it is, for messages."""
+        """Return the cropped picture of a frame; `where` is its name in messages."""
         info = self.info
         size = (frame.height, frame.width) if self._turned[0] % 180 else (frame.width, frame.height)
         if size != (info.source_width, info.source_height):

@@ -15,7 +15,7 @@ from gsvrcodec.encoder.shared import SharedPictures, SharedSource, checksum
 from gsvrcodec.errors import InputError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video
 from tests import making
-from tests.video.test_video_sources import fields
+from tests.video.test_video_sources import fields, h264
 
 
 def frames_of(path: Path, **options: Any) -> list[SourceFrame]:
@@ -39,12 +39,12 @@ def read(path: Path, wanted: list[SourceFrame], **options: Any) -> NDArray[np.ui
 
 def keyed(path: Path) -> Path:
     """Write H.264 with a key frame every six frames, and frames out of order."""
-    return making.h264(path, {"g": "6", "bf": "2", "sc_threshold": "0"})
+    return h264(path, {"g": "6", "bf": "2", "sc_threshold": "0"})
 
 
 def refreshed(path: Path) -> Path:
     """Write H.264 without key frames but the first: parts of each picture are coded anew."""
-    return making.h264(path, {"intra-refresh": "1", "g": "5", "bf": "0"})
+    return h264(path, {"intra-refresh": "1", "g": "5", "bf": "0"})
 
 
 class TestAnyFrames:

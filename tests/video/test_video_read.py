@@ -17,6 +17,7 @@ from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.errors import InputError, NotAVideoError, UnsupportedError, UsageError
 from gsvrcodec.video import open_video, probe
 from tests import making
+from tests.video.test_video_sources import h264
 
 #: Of the 132 RGB frames one after another; the pictures that the NeRV family trains on.
 BUNNY_SHA256 = "52126f0b88bddddb25abea5e135a998b93636fa15d94b5acb1f7eb6958fa4fc5"
@@ -147,7 +148,7 @@ class TestExpectedFrames:
 
 class TestFromKey:
     def test_all_frames_from_a_key_frame_on(self, tmp_path: Path) -> None:
-        path = making.h264(tmp_path / "a.mp4", {"g": "6", "sc_threshold": "0"})
+        path = h264(tmp_path / "a.mp4", {"g": "6", "sc_threshold": "0"})
         with open_video(path, start_frame=14, frames=3) as video:
             chosen = list(video)
             coming = list(video.from_key(chosen[0].pts))

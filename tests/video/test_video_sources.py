@@ -52,6 +52,12 @@ def save(
     return path
 
 
+def h264(path: Path, options: dict[str, str]) -> Path:
+    """Write the frames of NOISE by x264 with these options, 25 a second."""
+    pictures = [frame.rgb for frame in open_video(making.NOISE)]
+    return save(path, pictures, "libx264", "rgb24", pix_fmt="yuv420p", options=options)
+
+
 def fields(path: Path) -> Path:
     """Write a bar that moves from field to field, as interlaced MPEG-2."""
     pictures = []
