@@ -98,7 +98,8 @@ class GopUnpacker:
         whole, kept = content.new, None
         if reference is not None and content.carried is not None:
             known = self._recent[reference]
-            whole = content.gop(known.gop, len(known.pts))
+            blending = self._reader.header.blending
+            whole = content.gop(known.gop, len(known.pts), blending)
             kept = content.carried.mode != DROPPED
         return WholeGop(whole, content.first_frame, content.pts, content.durations, reference, kept)
 

@@ -10,6 +10,7 @@ from gsvrcodec.bitstream.chunk import GOP_TYPE, ChunkEntry
 from gsvrcodec.bitstream.header import VERSION_MINOR, Header
 from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.model.attributes import GopShape
+from gsvrcodec.model.reconstruction import Blending
 
 _SUMMARY = struct.Struct("<QIIqqQI")
 _SHAPE = struct.Struct("<HHHHHHIIII")
@@ -138,10 +139,11 @@ class GopHead(GopSummary):
         """Gaussians that the GOP does not take over from its reference."""
         return self.gaussians - (self.carried_from - self.dropped)
 
-    @property
-    def shape(self) -> GopShape:
-        """Counts and sizes, from which the sizes of the planes follow."""
-        return GopShape(self.new, self.grid, self.carried_from, self.changed, self.moved)
+    def shape(self, blending: Blending) -> GopShape:
+        """Return counts and sizes, from which the planes follow; `blending` is the header's."""
+        return GopShape(
+            self.new, self.grid, self.carried_from, self.changed, self.moved, blending
+        )
 
     def to_bytes(self) -> bytes:
         """The 72 bytes of the head that this version knows."""

@@ -21,6 +21,7 @@ from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes, carry_over
 from gsvrcodec.model.quantise import Precision
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS, Codec
 
@@ -39,12 +40,13 @@ class GopContent:
     reference: int = 0  #: frames from the reference's first frame to this GOP's; 0 = key GOP
     carried: Carried | None = None  #: how the reference's Gaussians go on; None = key GOP
 
-    def gop(self, reference: Gop | None, frames: int) -> Gop:
+    def gop(self, reference: Gop | None, frames: int, blending: Blending = "mean") -> Gop:
         """Return the whole GOP.
 
         Args:
             reference: The GOP that this one refers to; None for a key GOP.
             frames: Frames of the reference.
+            blending: How pictures are formed.
 
         Raises:
             CorruptError: The reference has another number of Gaussians than the GOP expects.
@@ -60,7 +62,8 @@ class GopContent:
                 f"the GOP expects {len(self.carried.mode)}",
                 section="5.5",
             )
-        return carry_over(reference, (frames, len(self.pts)), self.carried, self.new)
+        lengths = frames, len(self.pts)
+        return carry_over(reference, lengths, self.carried, self.new, blending)
 
 
 def pack_gop(
@@ -74,6 +77,7 @@ def pack_gop(
     reference: int = 0,
     carried: Carried | None = None,
     memories: Memories | None = None,
+    blending: Blending = "mean",
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
@@ -87,6 +91,7 @@ def pack_gop(
         reference: Frames from the first frame of the reference to that of the GOP; 0 = key GOP.
         carried: How the Gaussians of the reference go on; None = key GOP.
         memories: Of planes of the same GOP at other steps, for a quick choice; None = the best.
+        blending: How pictures are formed; sums have no opacities.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent;
@@ -112,7 +117,7 @@ def pack_gop(
                 f"{len(carried.position)} changes and {len(carried.indicator)} motions"
             )
     from_reference = 0 if carried is None else len(carried.mode)
-    shape = GopShape(len(gop), grid_size(gop), from_reference, changed, moved)
+    shape = GopShape(len(gop), grid_size(gop), from_reference, changed, moved, blending)
     planes, data = pack_planes(values, shape, precision, codecs, memories)
     head = GopHead(
         first_frame=first_frame,
@@ -146,10 +151,11 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
         LimitError: The GOP is over `limits`.
     """
     head, pts, durations, entries, offset = _parse(payload, header, limits)
-    values = unpack_planes(entries, payload, offset, head.shape, limits)
+    shape = head.shape(header.blending)
+    values = unpack_planes(entries, payload, offset, shape, limits)
     carried = None if head.is_key else _carried(values, head)
     return GopContent(
-        _gop(values, head.shape), head.first_frame, pts, durations, head.reference, carried
+        _gop(values, shape), head.first_frame, pts, durations, head.reference, carried
     )
 
 
@@ -180,7 +186,9 @@ def _parse(
             f"the GOP's head says {head.last_pts} for {head.last_duration}",
             section="5.2",
         )
-    entries, offset = parse_plane_table(payload, offset, head.planes, head.shape.planes())
+    entries, offset = parse_plane_table(
+        payload, offset, head.planes, head.shape(header.blending).planes()
+    )
     if not header.image_codecs and any(entry.codec in IMAGE_CODECS for entry in entries):
         raise CorruptError("PNG or JPEG XL in a file whose header has not their flag", section="4")
     return head, pts, durations, entries, offset
@@ -189,6 +197,8 @@ def _parse(
 @spec_section("5.5")
 def _carried(values: dict[str, Float32Array], head: GopHead) -> Carried:
     """How the Gaussians of the reference go on; checks that modes and counts agree."""
+    # Sums have no planes of opacities, and so no values of them.
+    values.setdefault("log_opacity_change", np.zeros(head.changed, np.float32))
     found = {field: values.get(a.name, _no_values(a.components)) for a, field in _FIELDS.items()}
     mode = found.pop(MODE.name).astype(np.uint8)
     if mode.size and mode.max() > DROPPED:
@@ -212,13 +222,18 @@ def _counts(mode: Modes) -> tuple[int, int, int]:
 
 
 def _gop(values: dict[str, Float32Array], shape: GopShape) -> Gop:
-    """The GOP of decoded values; attributes without a plane become empty arrays."""
+    """The GOP of decoded values; attributes without a plane become empty, opacities of sums 1."""
     gx, gy, gt = shape.grid
     sizes = {"gaussians": (shape.gaussians,), "xy": (gy, gx), "xt": (gt, gx), "yt": (gt, gy)}
     for attribute in ATTRIBUTES:
-        if attribute.name not in values:
-            tail = (attribute.components,) if attribute.components > 1 else ()
-            values[attribute.name] = np.empty((*sizes[attribute.grid], *tail), np.float32)
+        tail = (attribute.components,) if attribute.components > 1 else ()
+        size = (*sizes[attribute.grid], *tail)
+        found = values.get(attribute.name)
+        if found is None:
+            values[attribute.name] = np.zeros(size, np.float32)
+        elif found.shape != size:  # channels that the tri-plane of a mean lacks
+            values[attribute.name] = np.zeros(size, np.float32)
+            values[attribute.name][..., : found.shape[-1]] = found
     return Gop(**{field.name: np.ascontiguousarray(values[field.name]) for field in fields(Gop)})
 
 

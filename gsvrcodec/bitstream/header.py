@@ -8,6 +8,7 @@ from fractions import Fraction
 
 from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.reconstruction import Blending
 
 VERSION_MAJOR = 1
 VERSION_MINOR = 0
@@ -25,8 +26,14 @@ UNKNOWN_GRID = (2**16 - 1,) * 3
 
 _VERSION = struct.Struct("<HH")
 _FLAGS = struct.Struct("<I")
-_LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI")
+_LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI BB")
 HEADER_BYTES = _LAYOUT.size
+
+#: Bytes of the header in files of the first release candidate, whose pictures were all sums.
+_FIRST_CANDIDATE_BYTES = 70
+#: How pictures are formed, by number.
+_BLENDINGS: tuple[Blending, ...] = ("sum", "mean")
+_BLENDING_OFFSET = 70
 
 #: Bit of the rotation field: the picture is mirrored before it is turned.
 _MIRRORED = 0x8000
@@ -66,6 +73,7 @@ class Header:
     max_grid: tuple[int, int, int] = (0, 0, 0)  #: largest Gx, Gy, Gt; `UNKNOWN_GRID` = not known
     frames: int = 0  #: frames in the file, 0 = not known (the writer was not closed)
     gops: int = 0  #: GOPs in the file, 0 = not known
+    blending: Blending = "mean"  #: how pictures are formed
 
     @property
     def version(self) -> str:
@@ -116,6 +124,8 @@ class Header:
                 *self.max_grid,
                 self.frames,
                 self.gops,
+                _BLENDINGS.index(self.blending),
+                0,
             )
         except struct.error as error:
             raise ValueError(f"a header field is out of range: {error}") from error
@@ -126,7 +136,8 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
     """Read and check the payload of a header chunk.
 
     Raises:
-        UnsupportedError: Another major version, or an unknown must-understand flag.
+        UnsupportedError: Another major version, a header of the first release candidate, an unknown
+            must-understand flag, or an unknown way to form pictures.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
     """
@@ -140,6 +151,11 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
             + ": encode the video anew"
             * (major < VERSION_MAJOR)
         )
+    if minor == 0 and len(payload) == _FIRST_CANDIDATE_BYTES:
+        raise UnsupportedError(
+            f"the file has bitstream version {major}.{minor} as of its first release candidate, "
+            "which this decoder does not read: encode the video anew"
+        )
     # A newer minor version may append fields; in our own version the length is fixed.
     newer = minor > VERSION_MINOR
     if len(payload) < HEADER_BYTES or (len(payload) > HEADER_BYTES and not newer):
@@ -151,6 +167,11 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
         raise UnsupportedError(
             f"the file needs features this decoder does not know (flags {unknown:#010x}, "
             f"version {major}.{minor}; this decoder is {VERSION_MAJOR}.{VERSION_MINOR})"
+        )
+    blending = payload[_BLENDING_OFFSET]
+    if blending >= len(_BLENDINGS):
+        raise UnsupportedError(
+            f"the file forms its pictures in a way that this decoder does not know ({blending})"
         )
     header = _unpack(payload)
     problem = _problem(header)
@@ -189,6 +210,8 @@ def _unpack(payload: bytes) -> Header:
         max_gt,
         frames,
         gops,
+        blending,
+        reserved,
     ) = _LAYOUT.unpack_from(payload)
     major, minor, required, optional = versions_and_flags
     if not (aspect_num and aspect_den):
@@ -197,6 +220,8 @@ def _unpack(payload: bytes) -> Header:
         raise CorruptError(f"time base {base_num}/{base_den}")
     if full_range > 1:
         raise CorruptError(f"colour range {full_range}, expected 0 or 1")
+    if reserved:
+        raise CorruptError(f"reserved byte of the header is {reserved}, expected 0")
     return Header(
         version_major=major,
         version_minor=minor,
@@ -215,6 +240,7 @@ def _unpack(payload: bytes) -> Header:
         max_grid=(max_gx, max_gy, max_gt),
         frames=frames,
         gops=gops,
+        blending=_BLENDINGS[blending],
     )
 
 

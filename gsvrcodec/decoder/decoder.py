@@ -72,7 +72,7 @@ class Decoder:
                 size=picture_size(size, self._coded_size, self._limits),
                 layers=layers,
                 bit_depth=bit_depth,
-                backend=backend_on(device, threads),
+                backend=backend_on(device, threads, self._reader.header.blending),
                 tensors=tensors or (device != "cpu" and not arrays),
                 planar=planar,
             )

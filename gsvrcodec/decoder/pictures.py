@@ -136,7 +136,8 @@ class PictureMaker:
         out: Codes,
     ) -> None:
         """Render a GOP on its way to one that is predicted from it and has its Gaussians `kept`."""
-        passage = Passage.of(before.gop, after.gop, kept, (len(before.pts), len(after.pts)))
+        frames = len(before.pts), len(after.pts)
+        passage = Passage.of(before.gop, after.gop, kept, frames, self.backend.blending)
         chosen = None
         if self.layers != "all":
             moving = dynamic(after.gop, self.coded_size)

@@ -11,7 +11,9 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.slope import Slope
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, GridSize
+from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
+from gsvrcodec.model.gop import GridSize
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.render.native import resolve_threads
 
@@ -67,10 +69,10 @@ def halved(grid: GridSize) -> GridSize:
     return -(-gx // 2), -(-gy // 2), gt
 
 
-def grid_parameters(grid: GridSize) -> int:
+def grid_parameters(grid: GridSize, blending: Blending) -> int:
     """Stored numbers of a tri-plane."""
     gx, gy, gt = grid
-    return TRIPLANE_CHANNELS * (gx * gy + gx * gt + gy * gt)
+    return triplane_channels(blending) * (gx * gy + gx * gt + gy * gt)
 
 
 def key_gaussians(size: int, grid: GridSize) -> int:
@@ -78,7 +80,7 @@ def key_gaussians(size: int, grid: GridSize) -> int:
 
     Its tri-plane takes a part of the bytes, but half of them are for Gaussians.
     """
-    bits = max(8 * size - CHAIN.number_bits * grid_parameters(grid), 4 * size)
+    bits = max(8 * size - CHAIN.number_bits * grid_parameters(grid, "mean"), 4 * size)
     return round(bits / CHAIN.gaussian_bits)
 
 
@@ -98,17 +100,19 @@ def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSet
     gops = [gop for chain in chains for gop in chain]
     frames = sum(map(len, gops))
     total = settings.params or round(DEFAULT_DENSITY * width * height * frames)
-    planes = [grid_parameters(triplane_grid(size, len(gop), settings)) for gop in gops]
+    grids = [triplane_grid(size, len(gop), settings) for gop in gops]
+    planes = [grid_parameters(grid, settings.blending) for grid in grids]
+    each = gaussian_parameters(settings.blending)
     left = total - sum(planes)
     if settings.params is None:
         # The tri-planes of a small picture may take more than their share: half is for Gaussians.
-        left = max(left, total // 2, GAUSSIAN_PARAMETERS * len(gops))
-    elif left < GAUSSIAN_PARAMETERS * len(gops):
+        left = max(left, total // 2, each * len(gops))
+    elif left < each * len(gops):
         raise UsageError(
             f"{total} parameters are too few: {len(gops)} GOPs need {sum(planes)} for their "
-            f"deformation fields and {GAUSSIAN_PARAMETERS} for each Gaussian; "
+            f"deformation fields and {each} for each Gaussian; "
             "raise `params` or use longer GOPs"
         )
-    spare = left // GAUSSIAN_PARAMETERS - len(gops)
+    spare = left // each - len(gops)
     lengths = [sum(map(len, chain)) for chain in chains]
     return [min(most, 1 + int(spare * length / frames)) for length in lengths]

@@ -257,6 +257,7 @@ def _begin(
         mirrored=info.mirrored,
         bit_depth=info.bit_depth,
         colour=info.colour,
+        blending=settings.blending,
         flags_optional=IMAGE_CODECS_FLAG * (not IMAGE_CODECS.isdisjoint(PACKS[settings.pack])),
     )
     writer = GsvrWriter(file, header, stream=stream)

@@ -117,7 +117,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
     """
     began = time.perf_counter()
     settings, budget, options, reference = job.settings, job.budget, job.options, job.reference
-    backend = backend_on(choose_device(settings.device), settings.threads)
+    backend = backend_on(choose_device(settings.device), settings.threads, settings.blending)
     footage = Footage(job.frames, normalised_time(job.pts))
 
     def allowance(gaussians: int, share: float = 1.0) -> Allowance:
@@ -181,6 +181,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
             reference=job.first_frame - reference.first_frame if reference and fitted.anchor else 0,
             carried=carried_of(fitted, gop, precision),
             memories=memories,
+            blending=settings.blending,
         )
 
     memories: Memories = defaultdict(Memory)

@@ -32,7 +32,8 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.slope import Slope
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, GridSize
+from gsvrcodec.model.attributes import gaussian_parameters
+from gsvrcodec.model.gop import GridSize
 
 
 def plan(
@@ -146,7 +147,8 @@ def _grid(
     The latter where little moves. A predicted GOP always has half as many cells in space.
     """
     gx, gy, gt = triplane_grid(size, len(stats), settings)
-    dear = grid_parameters((gx, gy, gt)) > TRIPLANE.dear * GAUSSIAN_PARAMETERS * gaussians
+    numbers = grid_parameters((gx, gy, gt), settings.blending)
+    dear = numbers > TRIPLANE.dear * gaussian_parameters(settings.blending) * gaussians
     slow = fmean(frame.motion for frame in stats) < TRIPLANE.slow
     idle = slow and len(stats) * size[0] * size[1] > TRIPLANE.sparse * gaussians
     if dear or idle or predicted:

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args, get_type_hints
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.options import Deform, FitOptions, Flow, Profile
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.video import Part
 
 Preset = Literal["fastest", "medium", "slow", "slowest"]
@@ -147,6 +148,11 @@ class EncodeSettings:
     def part(self) -> Part:
         """The part of the film to encode; raises a UsageError if it is none."""
         return Part(self.start_frame, self.frames, self.start_seconds, self.stop_seconds)
+
+    @property
+    def blending(self) -> Blending:
+        """How pictures are formed: the publication adds, this codec takes weighted means."""
+        return "sum" if self.profile == "paper" else "mean"
 
     @property
     def fit_options(self) -> FitOptions:

@@ -12,7 +12,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import Look
 
 #: Attributes that a predicted GOP stores as changes.
-LOOK = ("position", "log_scale", "rotation", "colour")
+LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
 
 
 @dataclass(slots=True, eq=False)

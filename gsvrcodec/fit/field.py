@@ -50,7 +50,7 @@ class Field:
         self.anchor = None if anchor is None else anchor.copy()
         self._anchored = self._anchor_tensors()
         self._frozen: Tensor | None = None
-        self._background = background
+        self.background = background
         device = backend.device
         tensors = {
             name: torch.from_numpy(getattr(start, name).astype(np.float32)).to(device)
@@ -59,12 +59,14 @@ class Field:
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
             names = ("indicator", "linear", "quadratic")
-            self._fixed = {name: torch.zeros_like(tensors[name]) for name in names}
+            self._fixed |= {name: torch.zeros_like(tensors[name]) for name in names}
         elif deform == "polynomial":
-            self._fixed = {
+            self._fixed |= {
                 "indicator": torch.ones_like(tensors["indicator"]),
-                **{name: torch.zeros(0, 0, 8, device=device) for name in ("xy", "xt", "yt")},
+                **{name: torch.zeros(0, 0, 8, device=device) for name in GRIDS},
             }
+        if backend.blending == "sum":
+            self._fixed["log_opacity"] = torch.zeros_like(tensors["log_opacity"])
         self.raw = {name: tensor for name, tensor in tensors.items() if name not in self._fixed}
         if "indicator" in self.raw:
             self.raw["indicator"] = torch.logit(tensors["indicator"].clamp(*_INDICATOR_RANGE))
@@ -101,7 +103,7 @@ class Field:
             tau: normalised time.
             target: (H, W, 3) uint8 from `Backend.upload`; the frame is rendered at this size.
             coded_size: width and height that scales are relative to.
-            backdrop: (H, W, 3) float32 from `backdrop`, added to the frame; None = black.
+            backdrop: (H, W, 4) float32 from `footage.backdrop`; None = none.
         """
         _, found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop)
         gradients = dict(zip(NAMES, found, strict=True))
@@ -164,22 +166,10 @@ class Field:
             self.raw.pop(name, None)
             self._fixed[name] = torch.from_numpy(value).to(self.backend.device)
 
-    def backdrop(self, size: tuple[int, int], coded_size: tuple[int, int]) -> Samples | None:
-        """The background rendered at a size, (H, W, 3), where the backend adds it; None = none.
-
-        Args:
-            size: width and height to draw at.
-            coded_size: width and height that scales are relative to.
-        """
-        if self._background is None:
-            return None
-        prepared = self.backend.prepare(self._background)
-        return self.backend.upload(self.backend.picture(prepared, 0.0, size, coded_size))
-
     def drawn(self) -> Gop:
         """The present state together with the background."""
         gop = self.gop()
-        return gop if self._background is None else append_gaussians(gop, self._background)
+        return gop if self.background is None else append_gaussians(gop, self.background)
 
     def gop(self) -> Gop:
         """The present state, as arrays of its own, well within the bounds of the spec."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.render.backend import Backend, Samples, Size
 
 Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
 
@@ -29,6 +30,23 @@ class Footage:
     def pixels(self) -> int:
         """Pixels of all frames."""
         return self.frames[..., 0].size
+
+
+def backdrop(
+    background: Gop | None, size: Size, coded_size: Size, backend: Backend
+) -> Samples | None:
+    """Return the sums of a background, (H, W, 4), where the backend adds them; None = none.
+
+    Args:
+        background: static Gaussians; None = none.
+        size: width and height to draw at.
+        coded_size: width and height that scales are relative to.
+        backend: draws.
+    """
+    if background is None:
+        return None
+    prepared = backend.prepare(background)
+    return backend.upload(backend.sums(prepared, 0.0, size, coded_size))
 
 
 def some_frames(frames: int, count: int) -> NDArray[np.intp]:

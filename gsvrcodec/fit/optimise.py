@@ -13,8 +13,9 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.axes import Axes
+from gsvrcodec.fit.effect import losses
 from gsvrcodec.fit.field import Field, Tensors
-from gsvrcodec.fit.footage import Footage, Frames, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, backdrop, some_frames
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
@@ -171,7 +172,7 @@ def optimise(
     size, frames = footage.size, footage.frames
     small = coarse_frames(frames, recipe)
     shown = small
-    targets, backdrop = targets_of(field, shown, size)
+    targets, behind = targets_of(field, shown, size)
     reorder(field, size)
     adam = Adam(field.raw, recipe, size, field.backend)
     order = visits(len(frames), rng)
@@ -198,13 +199,13 @@ def optimise(
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames
-            targets, backdrop = targets_of(field, frames, size)
+            targets, behind = targets_of(field, frames, size)
             adam.rearrange(reorder(field, size))
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
         tau = float(footage.taus[index])
-        gradients = field.gradients(tensors, tau, targets[index], size, backdrop)
+        gradients = field.gradients(tensors, tau, targets[index], size, behind)
         if price is not None and spent >= recipe.coarse:
             price.add(field, gradients)
         patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
@@ -226,7 +227,7 @@ def _prune(
     """Drop Gaussians that are not worth their bits, and return which are left."""
     gop = field.gop()
     found = sensitivities(footage, gop, rng, field.backend)
-    left = np.flatnonzero(slope.worthwhile(gop, found))
+    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, found, field.backend)))
     field.rearrange(left)
     return left
 
@@ -248,7 +249,8 @@ def targets_of(
 ) -> tuple[Samples, Samples | None]:
     """Frames (F, H, W, 3) where the backend compares them, and the backdrop at their size."""
     size = frames.shape[2], frames.shape[1]
-    return field.backend.upload(frames), field.backdrop(size, coded_size)
+    behind = backdrop(field.background, size, coded_size, field.backend)
+    return field.backend.upload(frames), behind
 
 
 def coarse_frames(frames: Frames, recipe: Recipe) -> Frames:

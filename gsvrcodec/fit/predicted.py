@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.fit.effect import effects
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.flow import flow_estimator
@@ -26,6 +27,7 @@ from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
+from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
 from gsvrcodec.model.static import select_gaussians, static_gop
 from gsvrcodec.render.backend import Backend
 
@@ -76,7 +78,7 @@ def fit_predicted(
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
     # Dropped first, so that those around them are not kept as they are.
-    there = _strongest(reference.look, gaussians)
+    there = _strongest(reference.look, footage, gaussians, backend)
     look = reference.look[there]
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
@@ -174,10 +176,13 @@ def _least_worth(worth: NDArray[np.float64], least: float, most: float) -> float
     return min(max(least, enough), PREDICTION.hurried * least)
 
 
-def _strongest(look: Look, count: int) -> NDArray[np.intp]:
-    """Return which Gaussians are the `count` strongest, in their order."""
-    strength = np.exp(look.log_scale.sum(axis=1)) * np.abs(look.colour).max(axis=1)
-    return np.sort(np.argsort(-strength, kind="stable")[:count])
+def _strongest(look: Look, footage: Footage, count: int, backend: Backend) -> NDArray[np.intp]:
+    """Return which Gaussians are the `count` that the picture needs most, in their order."""
+    if count >= len(look.position):
+        return np.arange(len(look.position))
+    gop = static_gop(*_values(look))
+    found = effects(gop, gop, np.zeros(1, np.float32), footage.size, footage.size, backend)
+    return np.sort(np.argsort(-found, kind="stable")[:count])
 
 
 def _values(look: Look) -> tuple[Float32Array, ...]:
@@ -213,7 +218,7 @@ def _start(
 
 
 def _with_new(start: Gop, anchor: Anchor, count: int) -> tuple[Gop, Anchor]:
-    """Append black Gaussians, which have to be moved to where they are needed."""
+    """Append Gaussians that hardly show, which have to be moved to where they are needed."""
     had = len(anchor.source)
     order = np.arange(had + count) % max(had, 1)
     if had:
@@ -232,4 +237,5 @@ def _with_new(start: Gop, anchor: Anchor, count: int) -> tuple[Gop, Anchor]:
         source = np.full(count, -1)
     out = Anchor(anchor.start, look, source)
     out.release(np.arange(had, had + count))
-    return replace(start, colour=start.colour * (np.arange(had + count) < had)[:, None]), out
+    log_opacity = np.where(np.arange(had + count) < had, start.log_opacity, -MOST_LOG_OPACITY)
+    return replace(start, log_opacity=log_opacity.astype(np.float32)), out

@@ -18,7 +18,7 @@ def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
     count as those of the values before (a straight-through estimate).
 
     Args:
-        bits: of each attribute.
+        bits: of each attribute; others stay as they are.
     """
 
     def quantise(tensors: Tensors) -> Tensors:
@@ -26,7 +26,8 @@ def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
         for name, values in tensors.items():
             if name == "rotation":  # pi-periodic, and stored in [0, pi)
                 values = values - (values / math.pi).floor() * math.pi
-            out[name] = _over_range(values, bits[name]) if values.numel() else values
+            stored = name in bits and values.numel()
+            out[name] = _over_range(values, bits[name]) if stored else values
         return out
 
     return quantise

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gsvrcodec.fit.effect import losses
 from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
@@ -40,6 +42,7 @@ class QuantisedFit:
 
     fit: Fit
     sensitivities: Gop
+    losses: NDArray[np.float64]  #: (N,) squared error that is added without each Gaussian
     options: FitOptions
     backend: Backend
     measure: Measure
@@ -97,7 +100,7 @@ class QuantisedFit:
         if self.fit.anchor is None:
             costs = self.sensitivities
             if self.slope is not None:
-                chosen = self.slope.worthwhile(gop, costs)
+                chosen = self.slope.worthwhile(self.losses)
                 gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
             return gop, refined_steps(gop, costs, qscale)
         steps = equal_slope_steps(self.sensitivities, qscale)
@@ -128,7 +131,8 @@ def quantisable(
     if fit.anchor is not None:
         state = fit.drawn(still(fit.gop))
         at_rest = sensitivities(fit.footage, state, rng, backend, fit.anchor, frames=2)
-    return QuantisedFit(fit, found, options, backend, measure, seed, at_rest, slope)
+    without = losses(fit.drawn(fit.gop), fit.footage, found, backend)
+    return QuantisedFit(fit, found, without, options, backend, measure, seed, at_rest, slope)
 
 
 def as_published(fit: Fit, backend: Backend) -> Quantised:

@@ -73,11 +73,12 @@ MAIN = Recipe(
         "log_scale": 0.235,
         "rotation": 0.235,
         "colour": 0.042,
+        "log_opacity": 0.2,
         "indicator": 0.056,
         "linear": 0.5,
         "quadratic": 0.5,
-        # Offsets of position and scale (px), rotation and colour.
-        "xy": (3.1, 3.1, 0.07, 0.07, 0.007, 0.007, 0.007, 0.007),
+        # Offsets of position and scale (px), rotation and log-opacity.
+        "xy": (3.1, 3.1, 0.07, 0.07, 0.007, 0.007, 0.0, 0.0),
         "xt": 0.112,
         "yt": 0.112,
     },

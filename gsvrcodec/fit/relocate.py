@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.fit.effect import effects
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames, some_frames
-from gsvrcodec.fit.seen import seen
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.tuned import RELOCATION
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY
 from gsvrcodec.render.order import drawing_order
 
 
@@ -28,8 +29,8 @@ def relocate(
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
 
-    A Gaussian that moves takes the shape and the motion of its nearest neighbour and starts black,
-    so that the picture does not change at first.
+    A Gaussian that moves takes the shape and the motion of its nearest neighbour, the colour that
+    is wanted where it goes, and an opacity in proportion to the weights that are there.
 
     Args:
         field: the parameters of the fit.
@@ -47,12 +48,13 @@ def relocate(
     count = int(share * len(field.raw["position"])) + added
     taken = np.arange(len(field.raw["position"]))
     if leaving:
-        taken = np.sort(_weakest_first(field.gop(), taus, coded_size)[leaving:])
+        size = frames.shape[2], frames.shape[1]
+        taken = np.sort(_weakest_first(field, taus, size, coded_size)[leaving:])
     if more:
-        # Copies that show nothing are the weakest, so that they move.
+        # Copies that hardly show are the weakest, so that they move.
         taken = np.concatenate([np.zeros(added, np.intp), taken])
         field.rearrange(taken)
-        field.raw["colour"][:added] = 0
+        field.raw["log_opacity"][:added] = -MOST_LOG_OPACITY
     moved = move_weakest(field, frames, taus, coded_size, rng, count)
     order = reorder(field, coded_size)
     return taken[order], np.isin(order, moved)
@@ -69,23 +71,27 @@ def move_weakest(
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = field.gop()
     size = frames.shape[2], frames.shape[1]
-    weakest = _weakest_first(gop, taus, coded_size)[:count]
+    weakest = _weakest_first(field, taus, size, coded_size)[:count]
     shown = some_frames(len(frames), RELOCATION.frames)
-    backend = field.backend
-    pictures = backend.render(backend.prepare(field.drawn()), taus[shown], size, coded_size)
-    errors = [_error(a, frames[i]) for a, i in zip(pictures, shown, strict=True)]
+    prepared = field.backend.prepare(field.drawn())
+    sums = [field.backend.sums(prepared, float(tau), size, coded_size) for tau in taus[shown]]
+    errors = [_error(own, frames[i]) for own, i in zip(sums, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
 
     like = np.empty(count, np.intp)
-    position = np.empty((count, 2), np.float32)
-    for error, index, begin, end in zip(errors, shown, [0, *bounds[:-1]], bounds, strict=True):
+    position, colour = np.empty((count, 2), np.float32), np.empty((count, 3), np.float32)
+    weight = np.empty(count, np.float32)
+    each = zip(sums, errors, shown, [0, *bounds[:-1]], bounds, strict=True)
+    for own, error, index, begin, end in each:
         pixels = _stratified(error.ravel(), end - begin, rng)
         x, y = pixels % size[0], pixels // size[0]
         tau = taus[index]
         moved = gop.position + gop.linear * tau + gop.quadratic * tau**2
         near = _nearest(moved, (-(-size[0] // 2), -(-size[1] // 2)))[y // 2, x // 2]
         like[begin:end] = near
+        colour[begin:end] = frames[index, y, x] / np.float32(255)
+        weight[begin:end] = own[y, x, 3] + GROUND
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
         position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
 
@@ -94,17 +100,19 @@ def move_weakest(
         weakest,
         like,
         position=position,
-        colour=np.zeros((count, 3), np.float32),
+        colour=colour,
+        log_opacity=np.log(RELOCATION.weight * weight),
         log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
     )
     return weakest
 
 
-def _weakest_first(gop: Gop, taus: Float32Array, size: tuple[int, int]) -> NDArray[np.intp]:
-    """Numbers of the Gaussians: first those outside of the frame, then those that draw little."""
-    drawn = np.exp(gop.log_scale.sum(axis=1)) * np.abs(gop.colour).max(axis=1)
-    shown = taus[some_frames(len(taus), RELOCATION.frames)]
-    return np.argsort(drawn * seen(gop, shown, size), kind="stable")
+def _weakest_first(
+    field: Field, taus: Float32Array, size: tuple[int, int], coded_size: tuple[int, int]
+) -> NDArray[np.intp]:
+    """Numbers of the Gaussians: first those without which the picture changes least."""
+    found = effects(field.gop(), field.drawn(), taus, size, coded_size, field.backend)
+    return np.argsort(found, kind="stable")
 
 
 def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
@@ -116,9 +124,10 @@ def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
     return order
 
 
-def _error(picture: Frames, wanted: Frames) -> NDArray[np.float64]:
-    """Squared error around each pixel, (h, w), above zero."""
-    squares = over_channels(np.square(picture.astype(np.float32) - wanted))
+def _error(sums: Float32Array, wanted: Frames) -> NDArray[np.float64]:
+    """Squared error around each pixel, (h, w), above zero; of sums (h, w, 4)."""
+    picture = np.clip(sums[..., :3] / (sums[..., 3:] + GROUND), 0, 1)
+    squares = over_channels(np.square(255 * picture - wanted))
     blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error

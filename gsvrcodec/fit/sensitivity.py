@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.anchor import Anchor
-from gsvrcodec.fit.footage import Footage, some_frames
+from gsvrcodec.fit.footage import Footage, backdrop, some_frames
 from gsvrcodec.fit.tuned import STEPS
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.backend import Backend
@@ -45,10 +45,11 @@ def sensitivities(
     (width, height), taus = footage.size, footage.taus
     total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
     chosen = some_frames(len(taus), frames)
+    behind = backdrop(footage.background, footage.size, footage.size, backend)
     scale = np.float32(_CODES * len(taus) / len(chosen))
     for tau in taus[chosen]:
         random = noise((height, width, 3), rng)
-        gradient = backend.gradient(gop, float(tau), random, (width, height))
+        gradient = backend.gradient(gop, float(tau), random, footage.size, behind)
         if anchor is not None:
             there = anchor.carried[:, None] * gradient.position
             gradient = replace(

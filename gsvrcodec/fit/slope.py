@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.precision import bit_worth
 from gsvrcodec.fit.tuned import SLOPE
-from gsvrcodec.model.gop import Gop
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +38,12 @@ class Slope:
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         return max(1, round(min(count, self.most)))
 
-    def worthwhile(self, gop: Gop, sensitivities: Gop) -> NDArray[np.bool_]:
+    def worthwhile(self, losses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which Gaussians are worth their bits, (N,); at least one of them.
 
-        Without a Gaussian the squared error grows by the square of what it draws, unless others
-        make up for it.
-
         Args:
-            gop: The GOP to be stored.
-            sensitivities: Squared error of a change of each parameter by one.
+            losses: (N,) squared error that is added without each Gaussian.
         """
-        loss = (sensitivities.colour * np.square(gop.colour)).sum(axis=1)
-        chosen: NDArray[np.bool_] = loss >= SLOPE.gaussian_bits * self.bit
-        chosen[loss.argmax()] = True
+        chosen: NDArray[np.bool_] = losses >= SLOPE.gaussian_bits * self.bit
+        chosen[losses.argmax()] = True
         return chosen

@@ -58,7 +58,7 @@ def quantise_in_stages(
     field = Field(gop, deform, backend, footage.background, anchor)
     if anchor is not None:
         field.freeze(anchor.carried & unchanged(gop))
-    targets, backdrop = targets_of(field, footage.frames, size)
+    targets, behind = targets_of(field, footage.frames, size)
     order = visits(len(footage.frames), rng)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
     for stage in _STAGES:
@@ -69,7 +69,7 @@ def quantise_in_stages(
             index = next(order)
             tensors = field.tensors()
             tau = float(taus[index])
-            gradients = field.gradients(tensors, tau, targets[index], size, backdrop)
+            gradients = field.gradients(tensors, tau, targets[index], size, behind)
             field.hold(gradients)
             adam.step(gradients, STAGED.rates * (1 - spent), tensors)
             effort.advance()

@@ -16,30 +16,17 @@ from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop, GridSize
 from gsvrcodec.render.backend import Backend
 
 
-def density(frames: Frames, backdrop: Float32Array | None = None) -> NDArray[np.float64]:
-    """Density of Gaussians over all frames: (H, W), sums to 1; high where detail is.
-
-    In front of a backdrop (H, W, 3) the frames are what the backdrop leaves, and the even share
-    goes where anything is left.
-    """
+def density(frames: Frames) -> NDArray[np.float64]:
+    """Density of Gaussians over all frames: (H, W), sums to 1; high where detail is."""
     total = np.zeros(frames.shape[1:3], np.float32)
-    residual = np.zeros(frames.shape[1:3], np.float32)
     for frame in frames:
-        if backdrop is not None:
-            frame = frame - 255 * backdrop
-            residual += over_channels(np.abs(frame))
         total += gradient(frame)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
-    even: float | NDArray[np.float64] = 1.0 / detail.size
-    if residual.any():
-        even = np.asarray(cv2.boxFilter(residual, -1, 2 * (START.residual_px,)), np.float64)
-        even += START.residual_floor * even.mean()
-        even /= even.sum()
     share = START.gradient_share if detail.any() else 0.0
-    return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) * even
+    return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) / detail.size
 
 
-def gradient(frame: NDArray[np.uint8] | Float32Array) -> Float32Array:
+def gradient(frame: NDArray[np.uint8]) -> Float32Array:
     """Differences across and down, (H, W): absolute, summed over the channels of (H, W, 3)."""
     dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
     dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
@@ -82,11 +69,9 @@ class _Start:
         tracker: Tracker | None,
         rng: np.random.Generator,
         backend: Backend,
-        backdrop: Float32Array | None,
     ) -> None:
         self._frames, self._taus, self._gaussians = footage.frames, footage.taus, gaussians
-        self._backend, self._backdrop = backend, backdrop
-        self._tracker, self._rng = tracker, rng
+        self._backend, self._tracker, self._rng = backend, tracker, rng
         self._size = footage.size
         self._xy, self._xt, self._yt = tri_plane(grid, rng)
 
@@ -117,38 +102,23 @@ class _Start:
             quadratic=quadratic,
         )
 
-    def coverage(self, placed: _Placed, index: int) -> Float32Array:
-        """Sum of the weights of `placed` at each pixel of frame `index`, (H, W)."""
-        unit = self.gop(placed, np.ones((len(placed.sigma), 3), np.float32))
-        prepared, tau = self._backend.prepare(unit), float(self._taus[index])
-        picture = self._backend.picture(prepared, tau, self._size, self._size)
-        return np.ascontiguousarray(picture[..., 0])
-
     def uncovered(self, placed: _Placed, index: int) -> Float32Array:
         """Lack of coverage of frame `index` by `placed`, (H, W) in [0, 1]."""
-        covered = cv2.boxFilter(self.coverage(placed, index), -1, 2 * (START.hole_px,))
+        prepared, tau = self._backend.prepare(self.gop(placed)), float(self._taus[index])
+        weights = self._backend.sums(prepared, tau, self._size, self._size)[..., 3]
+        covered = cv2.boxFilter(weights, -1, 2 * (START.hole_px,))
         return np.clip(1 - covered / START.covered, 0, 1)
 
-    def colours(self, placed: _Placed) -> Float32Array:
-        """Colour of the pixel that each Gaussian is placed on, over the weights there, (N, 3)."""
-        colour = np.empty((len(placed.sigma), 3), np.float32)
-        for index in np.unique(placed.frame):
-            here = placed.frame == index
-            x, y = placed.pixels[here].T
-            weight = np.maximum(self.coverage(placed, index)[y, x], START.least_weight)
-            wanted = self._frames[index, y, x] / 255.0
-            if self._backdrop is not None:
-                wanted -= self._backdrop[y, x]
-            colour[here] = wanted / weight[:, None]
-        return colour
-
-    def gop(self, placed: _Placed, colour: Float32Array) -> Gop:
-        """Round Gaussians of these colours."""
+    def gop(self, placed: _Placed) -> Gop:
+        """Round Gaussians in the colours of the pixels that they are placed on."""
+        x, y = placed.pixels.T
+        colour = self._frames[placed.frame, y, x] / np.float32(255)
         return Gop(
             position=placed.position,
             log_scale=np.log(np.stack([placed.sigma, placed.sigma], 1)),
             rotation=np.zeros_like(placed.sigma),
             colour=colour,
+            log_opacity=np.zeros_like(placed.sigma),
             indicator=np.full_like(placed.sigma, START.indicator),
             linear=placed.linear,
             quadratic=placed.quadratic,
@@ -177,20 +147,16 @@ def content_aware(
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         estimate: flow that the Gaussians' polynomials are fitted to; None = at rest.
         rng: source of the sampling.
-        backend: renders coverage and background.
+        backend: renders what is covered.
     """
     frames = footage.frames
     tracker = None if estimate is None else Tracker(frames, estimate)
-    backdrop = None
-    if footage.background is not None:
-        prepared = backend.prepare(footage.background)
-        backdrop = backend.picture(prepared, 0.0, footage.size, footage.size)
-    start = _Start(footage, gaussians, grid, tracker, rng, backend, backdrop)
-    where = density(frames, backdrop)
+    start = _Start(footage, gaussians, grid, tracker, rng, backend)
+    where = density(frames)
     middle = int(np.abs(footage.taus).argmin())
     placed = start.place(middle, where, where, gaussians)
     for index in sorted({0, len(frames) - 1} - {middle}):
-        here = density(frames[index : index + 1], backdrop)
+        here = density(frames[index : index + 1])
         needed = here * start.uncovered(placed, index)
         count = int(gaussians * min(needed.sum(), START.hole_share))
         if count:
@@ -199,7 +165,7 @@ def content_aware(
             dropped = rng.choice(from_middle, count, replace=False)
             kept = np.delete(np.arange(gaussians), dropped)
             placed = placed[kept] + start.place(index, needed + 1e-15, here, count)
-    return start.gop(placed, start.colours(placed))
+    return start.gop(placed)
 
 
 def tri_plane(
@@ -227,6 +193,7 @@ def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.
         log_scale=np.log(spacing * uniform(0.25, 1.0, gaussians, 2)),
         rotation=uniform(0, np.pi, gaussians),
         colour=uniform(0, 0.5, gaussians, 3),
+        log_opacity=np.zeros(gaussians, np.float32),
         indicator=np.full(gaussians, 0.5, np.float32),
         linear=np.zeros((gaussians, 2), np.float32),
         quadratic=np.zeros((gaussians, 2), np.float32),

@@ -51,10 +51,7 @@ class _Start:
     sigma_range: tuple[float, float] = (0.6, 20.0)  #: px
     hole_share: float = 0.2  #: most Gaussians that start in the first frame, and in the last
     hole_px: int = 9  #: box size of the coverage, px
-    residual_px: int = 9  #: box size of the residual density, px
-    residual_floor: float = 0.05  #: least residual density, in its mean
     covered: float = 0.6  #: sum of weights at which a place needs no more Gaussians; usual is 1.3
-    least_weight: float = 0.3  #: least sum of weights that a colour is divided by
     indicator: float = 0.88  #: dynamic indicator of all
     plane_noise: float = 0.0025  #: standard deviation of the spatial grid
 
@@ -84,6 +81,15 @@ class _Relocation:
     frames: int = 5  #: frames whose error is looked at
     sigma_range: tuple[float, float] = (0.5, 3.0)  #: px, of a Gaussian that has moved
     error_box_px: int = 3  #: box size of the squared error, px
+    weight: float = 0.6  #: opacity of a Gaussian that has moved, in the sum of weights there
+
+
+@dataclass(frozen=True, slots=True)
+class _Effect:
+    """What a picture would lose without a Gaussian."""
+
+    frames: int = 3  #: frames that are looked at
+    most_share: float = 0.95  #: greatest share of the weights, where one Gaussian has them all
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +139,7 @@ class _Steps:
             "log_scale": 0.25,
             "rotation": math.pi / 8,
             "colour": 0.05,
+            "log_opacity": 1.0,
             "indicator": 0.25,
             "linear": 1 / 64,
             "quadratic": 1 / 64,
@@ -224,6 +231,7 @@ EFFORT = _Effort()
 START = _Start()
 TRACKS = _Tracks()
 RELOCATION = _Relocation()
+EFFECT = _Effect()
 PREDICTION = _Prediction()
 STEPS = _Steps()
 SLOPE = _Slope()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isqrt
 from typing import Literal
 
-#: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, dr, dg, db (spec section "Deformation").
+from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY, Blending
+
+#: Channels of a tri-plane: dx, dy, dsx, dsy, dtheta, and dr, dg, db where pictures are sums (spec
+#: section "Deformation").
 TRIPLANE_CHANNELS = 8
+#: Of these where pictures are means: dx, dy, dsx, dsy, dtheta, and that of the log-opacity.
+MEAN_CHANNELS = 6
 
 GridKind = Literal["gaussians", "xy", "xt", "yt", "reference", "changed", "moved"]
 
@@ -31,29 +36,55 @@ ATTRIBUTES = (
     Attribute(1, "log_scale", 2, "gaussians", -32.0, 13.0),
     Attribute(2, "rotation", 1, "gaussians", -64.0, 64.0),
     Attribute(3, "colour", 3, "gaussians", -65536.0, 65536.0),
-    Attribute(4, "indicator", 1, "gaussians", -2.0, 2.0),
-    Attribute(5, "linear", 2, "gaussians", -1024.0, 1024.0),
-    Attribute(6, "quadratic", 2, "gaussians", -1024.0, 1024.0),
-    Attribute(7, "xy", TRIPLANE_CHANNELS, "xy", -1024.0, 1024.0),
-    Attribute(8, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
-    Attribute(9, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
+    Attribute(4, "log_opacity", 1, "gaussians", -MOST_LOG_OPACITY, MOST_LOG_OPACITY),
+    Attribute(5, "indicator", 1, "gaussians", -2.0, 2.0),
+    Attribute(6, "linear", 2, "gaussians", -1024.0, 1024.0),
+    Attribute(7, "quadratic", 2, "gaussians", -1024.0, 1024.0),
+    Attribute(8, "xy", TRIPLANE_CHANNELS, "xy", -1024.0, 1024.0),
+    Attribute(9, "xt", TRIPLANE_CHANNELS, "xt", -1024.0, 1024.0),
+    Attribute(10, "yt", TRIPLANE_CHANNELS, "yt", -1024.0, 1024.0),
 )
 #: How each Gaussian of the reference goes on; see `gsvrcodec.model.prediction`.
-MODE = Attribute(10, "mode", 1, "reference", 0.0, 7.0)
+MODE = Attribute(11, "mode", 1, "reference", 0.0, 7.0)
 #: What a predicted GOP stores of the Gaussians that it carries over.
 CARRIED_ATTRIBUTES = (
     MODE,
-    Attribute(11, "position_change", 2, "changed", -1024.0, 1024.0, "position"),
-    Attribute(12, "log_scale_change", 2, "changed", -45.0, 45.0, "log_scale"),
-    Attribute(13, "rotation_change", 1, "changed", -64.0, 64.0, "rotation"),
-    Attribute(14, "colour_change", 3, "changed", -65536.0, 65536.0, "colour"),
-    Attribute(15, "carried_indicator", 1, "moved", -2.0, 2.0, "indicator"),
-    Attribute(16, "carried_linear", 2, "moved", -1024.0, 1024.0, "linear"),
-    Attribute(17, "carried_quadratic", 2, "moved", -1024.0, 1024.0, "quadratic"),
+    Attribute(12, "position_change", 2, "changed", -1024.0, 1024.0, "position"),
+    Attribute(13, "log_scale_change", 2, "changed", -45.0, 45.0, "log_scale"),
+    Attribute(14, "rotation_change", 1, "changed", -64.0, 64.0, "rotation"),
+    Attribute(15, "colour_change", 3, "changed", -65536.0, 65536.0, "colour"),
+    Attribute(16, "log_opacity_change", 1, "changed", -24.0, 24.0, "log_opacity"),
+    Attribute(17, "carried_indicator", 1, "moved", -2.0, 2.0, "indicator"),
+    Attribute(18, "carried_linear", 2, "moved", -1024.0, 1024.0, "linear"),
+    Attribute(19, "carried_quadratic", 2, "moved", -1024.0, 1024.0, "quadratic"),
 )
 #: Every attribute, in the order of the plane table.
 ALL_ATTRIBUTES = (*ATTRIBUTES, *CARRIED_ATTRIBUTES)
 ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in ALL_ATTRIBUTES}
+
+
+def attributes_of(blending: Blending) -> tuple[Attribute, ...]:
+    """Return the attributes of GOPs whose pictures are formed so, in the order of the plane table.
+
+    Sums have no opacities; the tri-planes of means have fewer channels.
+    """
+    if blending == "sum":
+        opacities = ("log_opacity", "log_opacity_change")
+        return tuple(a for a in ALL_ATTRIBUTES if a.name not in opacities)
+    return tuple(
+        replace(a, components=MEAN_CHANNELS) if a.components == TRIPLANE_CHANNELS else a
+        for a in ALL_ATTRIBUTES
+    )
+
+
+def gaussian_parameters(blending: Blending) -> int:
+    """Numbers that are stored of a new Gaussian."""
+    return sum(a.components for a in attributes_of(blending) if a.grid == "gaussians")
+
+
+def triplane_channels(blending: Blending) -> int:
+    """Numbers that are stored of each cell of a tri-plane."""
+    return TRIPLANE_CHANNELS if blending == "sum" else MEAN_CHANNELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +96,7 @@ class GopShape:
     reference: int = 0  #: Gaussians M of the reference; 0 = key GOP, or an empty reference
     changed: int = 0  #: of these, Gaussians C whose look changes
     moved: int = 0  #: of these, Gaussians V that move
+    blending: Blending = "mean"  #: how pictures are formed, which sets the attributes
 
     def plane_size(self, kind: GridKind) -> tuple[int, int]:
         """Return width and height of the planes of one grid; (0, 0) = the grid has no planes.
@@ -90,7 +122,8 @@ class GopShape:
 
     def attributes(self) -> list[Attribute]:
         """Return the attributes that have samples, in table order."""
-        return [attribute for attribute in ALL_ATTRIBUTES if self.samples(attribute.grid)]
+        every = attributes_of(self.blending)
+        return [attribute for attribute in every if self.samples(attribute.grid)]
 
     def planes(self) -> list[tuple[Attribute, int, int, int]]:
         """Return the planes in table order: attribute, component, width, height."""

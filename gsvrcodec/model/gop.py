@@ -14,8 +14,9 @@ Float32Array = NDArray[np.float32]
 
 GridSize = tuple[int, int, int]  #: Gx, Gy, Gt of a tri-plane; all 0 = no tri-plane
 
-#: Parameters of one Gaussian: position 2, scale 2, rotation, colour 3, indicator, motion 4.
-GAUSSIAN_PARAMETERS = 13
+#: Parameters of one Gaussian: position 2, scale 2, rotation, colour 3, opacity, indicator,
+#: motion 4. Where pictures are sums it has no opacity.
+GAUSSIAN_PARAMETERS = 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +29,9 @@ class Gop:
     position: Float32Array  #: (N, 2) canonical centre x, y; the frame spans [-1, 1]
     log_scale: Float32Array  #: (N, 2) natural logarithm of sigma in pixels of the coded frame
     rotation: Float32Array  #: (N,) radians, counter-clockwise with y down, modulo pi
-    colour: Float32Array  #: (N, 3) red, green, blue weights, any sign
+    colour: Float32Array  #: (N, 3) red, green, blue; any sign
+    #: (N,) natural logarithm of the opacity; has no effect where pictures are sums
+    log_opacity: Float32Array
     indicator: Float32Array  #: (N,) dynamic indicator in [0, 1]; 1 = the tri-plane has no effect
     linear: Float32Array  #: (N, 2) indicator * a1, coefficient of tau
     quadratic: Float32Array  #: (N, 2) indicator * a2, coefficient of tau^2

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
-from gsvrcodec.model.reconstruction import MIN_SCALE
+from gsvrcodec.model.reconstruction import MIN_SCALE, MOST_LOG_OPACITY, Blending
 
 #: Bits of a mode. Neither: the Gaussian is kept as it is and stands still.
 MOVED = 1  #: it has an indicator and a motion
@@ -25,7 +25,7 @@ Modes = NDArray[np.uint8]
 #: Gaussians at a time, so that their offsets stay in the cache.
 _BLOCK = 2048
 
-_LOOK = ("position", "log_scale", "rotation", "colour")
+_LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
 _MOTION = ("indicator", "linear", "quadratic")
 
 
@@ -39,6 +39,7 @@ class Carried:
     log_scale: Float32Array  #: (C, 2)
     rotation: Float32Array  #: (C,) radians
     colour: Float32Array  #: (C, 3)
+    log_opacity: Float32Array  #: (C,)
     # Motion of the V Gaussians with the bit MOVED, in the order of the reference.
     indicator: Float32Array  #: (V,)
     linear: Float32Array  #: (V, 2)
@@ -58,6 +59,7 @@ class Look:
     log_scale: Float32Array  #: (N, 2) natural logarithm of sigma in pixels of the coded frame
     rotation: Float32Array  #: (N,) radians
     colour: Float32Array  #: (N, 3)
+    log_opacity: Float32Array  #: (N,)
 
     def __getitem__(self, chosen: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Look:
         """Select Gaussians."""
@@ -66,15 +68,17 @@ class Look:
             self.log_scale[chosen],
             self.rotation[chosen],
             self.colour[chosen],
+            self.log_opacity[chosen],
         )
 
 
-def look_at(gop: Gop, tau: float) -> Look:
+def look_at(gop: Gop, tau: float, blending: Blending = "mean") -> Look:
     """Return the Gaussians as drawn at a time.
 
     Args:
         gop: N Gaussians and their deformation.
         tau: Normalised time, -1 to 1.
+        blending: How pictures are formed.
 
     Returns:
         New arrays, which share no memory with `gop`.
@@ -83,6 +87,7 @@ def look_at(gop: Gop, tau: float) -> Look:
     position += tau * gop.linear.astype(np.float64)
     position += tau * tau * gop.quadratic.astype(np.float64)
     log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
+    log_opacity = gop.log_opacity.copy()
     if gop.xy.size:
         bent = np.flatnonzero(gop.indicator != 1)
         for first in range(0, len(bent), _BLOCK):
@@ -94,18 +99,22 @@ def look_at(gop: Gop, tau: float) -> Look:
             scale = np.exp(np.take(log_scale, some, 0).astype(np.float64)) + offset[:, 2:4]
             log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
             rotation[some] = np.take(rotation, some) + offset[:, 4]
-            colour[some] = np.take(colour, some, 0) + offset[:, 5:]
-    return Look(position.astype(np.float32), log_scale, rotation, colour)
+            if blending == "sum":
+                colour[some] = np.take(colour, some, 0) + offset[:, 5:]
+            else:
+                opacity = np.take(log_opacity, some) + offset[:, 5]
+                log_opacity[some] = np.clip(opacity, -MOST_LOG_OPACITY, MOST_LOG_OPACITY)
+    return Look(position.astype(np.float32), log_scale, rotation, colour, log_opacity)
 
 
-def last_look(gop: Gop, frames: int) -> Look:
+def last_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its last frame."""
-    return look_at(gop, 1.0 if frames > 1 else 0.0)
+    return look_at(gop, 1.0 if frames > 1 else 0.0, blending)
 
 
-def first_look(gop: Gop, frames: int) -> Look:
+def first_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its first frame."""
-    return look_at(gop, -1.0 if frames > 1 else 0.0)
+    return look_at(gop, -1.0 if frames > 1 else 0.0, blending)
 
 
 def start_of_motion(frames: int) -> float:
@@ -116,7 +125,13 @@ def start_of_motion(frames: int) -> float:
     return -1 - 2 / (frames - 1) if frames > 1 else -1.0
 
 
-def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: Gop) -> Gop:
+def carry_over(
+    reference: Gop,
+    frames: tuple[int, int],
+    carried: Carried,
+    new: Gop,
+    blending: Blending = "mean",
+) -> Gop:
     """Return a predicted GOP.
 
     Args:
@@ -124,13 +139,14 @@ def carry_over(reference: Gop, frames: tuple[int, int], carried: Carried, new: G
         frames: Frames of the reference, and of the GOP.
         carried: How its Gaussians go on.
         new: The GOP's other Gaussians, and its tri-plane.
+        blending: How pictures are formed.
 
     Returns:
         The Gaussians that are not dropped, in the order of the reference, and the new ones; each
         value within the bounds of its attribute.
     """
     mode = carried.mode
-    look = last_look(reference, frames[0])
+    look = last_look(reference, frames[0], blending)
     changed = np.flatnonzero(mode & CHANGED)
     moved = np.flatnonzero(mode & MOVED)
     values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}

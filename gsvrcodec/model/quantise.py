@@ -262,11 +262,13 @@ def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dic
 def dequantised(gop: Gop, precision: Precision) -> Gop:
     """The GOP that a decoder gets for `gop`, quantised and dequantised, in the given order.
 
+    Attributes that `precision` lacks stay as they are, as opacities where pictures are sums.
+
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
     """
     original = {a.name: getattr(gop, a.name) for a in ATTRIBUTES}
-    coded = quantised(original, ATTRIBUTES, precision)
+    coded = quantised(original, [a for a in ATTRIBUTES if a.name in precision], precision)
     values = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
     bits = bits_of(values, refinements_of(precision)) if len(gop) else {}
     for name, own in bits.items():

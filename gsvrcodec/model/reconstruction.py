@@ -5,12 +5,22 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+#: How a picture is formed: the mean of the colours of its Gaussians, weighted by their opacities,
+#: or the sum of their colours.
+Blending = Literal["mean", "sum"]
+
 #: Smallest scale of a Gaussian, pixels of the coded frame.
 MIN_SCALE = 0.1
 #: Added to the variances of Gaussians on level 0, squared pixels of the coded frame.
 DILATION = 0.1
 #: Subtracted from each weight; a Gaussian ends where its weight is this.
 CUTOFF = 1 / 64
+#: Weight of the black ground behind all Gaussians, where a picture is a mean.
+GROUND = 1 / 1024
+#: Greatest magnitude of the logarithm of an opacity, at any time.
+MOST_LOG_OPACITY = 12.0
 #: Variance of the filter against aliasing, squared pixels of a frame smaller than the coded one.
 ANTIALIAS = 1 / 4
 #: Number of pyramid levels; level l has 1/2^l of the frame's width and height.

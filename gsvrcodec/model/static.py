@@ -18,6 +18,7 @@ def static_gop(
     log_scale: Float32Array,
     rotation: Float32Array,
     colour: Float32Array,
+    log_opacity: Float32Array,
 ) -> Gop:
     """Return a GOP of static Gaussians: indicator 1, no motion, no tri-plane.
 
@@ -25,7 +26,8 @@ def static_gop(
         position: Shape (N, 2), canonical centres x, y.
         log_scale: Shape (N, 2), natural logarithms of sigma in pixels of the coded frame.
         rotation: Shape (N,), radians.
-        colour: Shape (N, 3), red, green and blue weights.
+        colour: Shape (N, 3), red, green and blue.
+        log_opacity: Shape (N,), natural logarithms of the opacities.
     """
     count = len(position)
     none = np.zeros((0, 0, TRIPLANE_CHANNELS), np.float32)
@@ -34,6 +36,7 @@ def static_gop(
         log_scale=np.ascontiguousarray(log_scale),
         rotation=np.ascontiguousarray(rotation),
         colour=np.ascontiguousarray(colour),
+        log_opacity=np.ascontiguousarray(log_opacity),
         indicator=np.ones(count, np.float32),
         linear=np.zeros((count, 2), np.float32),
         quadratic=np.zeros((count, 2), np.float32),

@@ -27,6 +27,7 @@ class Parameters:
         log_scale: Array,
         rotation: Array,
         colour: Array,
+        log_opacity: Array,
         indicator: Array,
         linear: Array,
         quadratic: Array,
@@ -36,7 +37,8 @@ class Parameters:
     ) -> None: ...
 
 # In all functions below, `coded_width` and `coded_height` are the size, in pixels, in which the
-# Gaussians have their scales, and `threads` = 0 means GSVR_THREADS or all cores.
+# Gaussians have their scales, `mean` says that pictures are means and not sums, and `threads` = 0
+# means GSVR_THREADS or all cores.
 
 def render_rgb8(
     parameters: Parameters,
@@ -44,6 +46,7 @@ def render_rgb8(
     out: Array,
     coded_width: int,
     coded_height: int,
+    mean: bool,
     threads: int,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) uint8."""
@@ -54,6 +57,7 @@ def render_planes8(
     out: Array,
     coded_width: int,
     coded_height: int,
+    mean: bool,
     threads: int,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, 3, H, W) uint8."""
@@ -64,9 +68,21 @@ def render_float(
     out: Array,
     coded_width: int,
     coded_height: int,
+    mean: bool,
     threads: int,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) float32, not clamped."""
+
+def render_sums(
+    parameters: Parameters,
+    taus: Array,
+    out: Array,
+    coded_width: int,
+    coded_height: int,
+    mean: bool,
+    threads: int,
+) -> None:
+    """Write the sums of weighted colours, and of weights, to `out` (F, H, W, 4) float32."""
 
 def backward_float(
     parameters: Parameters,
@@ -74,10 +90,15 @@ def backward_float(
     weights: Array,
     coded_width: int,
     coded_height: int,
+    mean: bool,
     gradient: Parameters,
     threads: int,
+    backdrop: Array | None = None,
 ) -> None:
-    """Write the gradients of sum(frame * weights) to `gradient`; `weights` is (H, W, 3) float32."""
+    """Write the gradients of sum(frame * weights) to `gradient`; `weights` is (H, W, 3) float32.
+
+    The backdrop, (H, W, 4) float32, is added to the sums.
+    """
 
 def squared_error(
     parameters: Parameters,
@@ -85,6 +106,7 @@ def squared_error(
     target: Array,
     coded_width: int,
     coded_height: int,
+    mean: bool,
     gradient: Parameters,
     threads: int,
     backdrop: Array | None = None,
@@ -97,9 +119,10 @@ def squared_error(
         target: (H, W, 3) uint8; 255 stands for 1.
         coded_width: see above.
         coded_height: see above.
+        mean: see above.
         gradient: receives the gradients. The gradient of the clamp counts as 1 everywhere.
         threads: see above.
-        backdrop: (H, W, 3) float32, added to the frame before the clamp.
+        backdrop: (H, W, 4) float32, added to the sums.
     """
 
 def adam_step(

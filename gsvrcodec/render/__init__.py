@@ -11,6 +11,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend, Codes, Prepared, Size
 
 __all__ = [
@@ -25,20 +26,21 @@ __all__ = [
 ]
 
 
-def backend_on(device: str, threads: int = 0) -> Backend:
+def backend_on(device: str, threads: int = 0, blending: Blending = "mean") -> Backend:
     """Return the backend of a device.
 
     Args:
         device: "cpu" or "cuda:N"; see `gsvrcodec.render.device.choose_device`.
         threads: native threads; 0 = GSVR_THREADS or all cores. Does not change a result.
+        blending: how pictures are formed.
     """
     if device != "cpu":
         from gsvrcodec.render.triton import TritonBackend
 
-        return TritonBackend(device)
+        return TritonBackend(device, blending)
     from gsvrcodec.render.native import NativeBackend
 
-    return NativeBackend(threads)
+    return NativeBackend(threads, blending)
 
 
 def render_frames(
@@ -52,6 +54,7 @@ def render_frames(
     bit_depth: int = 8,
     threads: int = 0,
     out: Codes | None = None,
+    blending: Blending = "mean",
 ) -> Codes:
     """Render frames of one GOP (spec section "Reconstruction").
 
@@ -67,6 +70,7 @@ def render_frames(
         out: (F, height, width, 3), C-contiguous, uint8 for 8 bits and uint16 for more, to be
             filled; None = a new array. With a GPU it may be a tensor there; see `empty_frames`.
             For 8 bits on the CPU it may also be so as (F, 3, height, width).
+        blending: how pictures are formed.
 
     Returns:
         (F, height, width, 3) RGB: `out`, or the new array. A frame is the same whatever others
@@ -79,11 +83,11 @@ def render_frames(
     if not 8 <= bit_depth <= 16:
         raise ValueError(f"bit_depth must be 8 to 16, not {bit_depth}")
     if backend == "native":
-        chosen = backend_on(device, threads)
+        chosen = backend_on(device, threads, blending)
     elif backend == "reference":
         from gsvrcodec.render.reference import ReferenceBackend
 
-        chosen = ReferenceBackend()
+        chosen = ReferenceBackend(blending)
     else:
         raise ValueError(f"backend must be 'native' or 'reference', not {backend!r}")
     prepared = chosen.prepare(gop)

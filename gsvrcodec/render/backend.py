@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -28,6 +29,7 @@ class Backend(ABC):
     """
 
     device: str  #: "cpu" or "cuda:N"
+    blending: Blending  #: how pictures are formed
 
     @abstractmethod
     def prepare(self, gop: Gop) -> Prepared:
@@ -55,7 +57,21 @@ class Backend(ABC):
         """Render one frame, (H, W, 3), neither clamped nor rounded."""
 
     @abstractmethod
-    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+    def sums(self, prepared: Prepared, tau: float, size: Size, coded_size: Size) -> Float32Array:
+        """Return what a frame is made of, (H, W, 4): sums of weighted colours, and of weights.
+
+        The ground has no part in them. Where pictures are sums, the last has no meaning.
+        """
+
+    @abstractmethod
+    def gradient(
+        self,
+        gop: Gop,
+        tau: float,
+        weights: Float32Array,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> Gop:
         """Return the gradient of sum(weights * picture) in place of each parameter.
 
         Args:
@@ -63,6 +79,7 @@ class Backend(ABC):
             tau: normalised time.
             weights: (H, W, 3); the picture is rendered at this size.
             coded_size: width and height that scales are relative to.
+            backdrop: (H, W, 4) float32 from `upload`, added to the sums; None = nothing.
         """
 
     @abstractmethod
@@ -83,7 +100,7 @@ class Backend(ABC):
             tau: normalised time.
             target: (H, W, 3) uint8 from `upload`; the frame is rendered at this size.
             coded_size: width and height that scales are relative to.
-            backdrop: (H, W, 3) float32 from `upload`, added to the frame; None = black.
+            backdrop: (H, W, 4) float32 from `upload`, added to the sums; None = nothing.
         """
 
     @abstractmethod

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render.backend import Backend, Codes, Samples, Size
 
@@ -20,9 +21,10 @@ class NativeBackend(Backend):
 
     device = "cpu"
 
-    def __init__(self, threads: int = 0) -> None:
+    def __init__(self, threads: int = 0, blending: Blending = "mean") -> None:
         """Use so many native threads; 0 = GSVR_THREADS or all cores."""
-        self._threads = threads
+        self.blending = blending
+        self._how = blending == "mean", threads
 
     def prepare(self, gop: Gop) -> _core.Parameters:
         """Return the core's view of a GOP: no copy, shapes checked."""
@@ -47,16 +49,16 @@ class NativeBackend(Backend):
             raise ValueError(f"out must be a {dtype} array of shape {shape}")
         planes = out.transpose(0, 3, 1, 2)
         if bit_depth == 8 and planes.flags.c_contiguous:
-            _core.render_planes8(prepared, taus, planes, *coded_size, self._threads)
+            _core.render_planes8(prepared, taus, planes, *coded_size, *self._how)
             return out
         if not out.flags.c_contiguous:
             raise ValueError("out must be C-contiguous, or its channels planes of one array")
         if bit_depth == 8:
-            _core.render_rgb8(prepared, taus, out, *coded_size, self._threads)
+            _core.render_rgb8(prepared, taus, out, *coded_size, *self._how)
             return out
         values = np.empty((1, *shape[1:]), np.float32)
         for frame, tau in zip(out, taus[:, None], strict=True):
-            _core.render_float(prepared, tau, values, *coded_size, self._threads)
+            _core.render_float(prepared, tau, values, *coded_size, *self._how)
             frame[:] = np.clip(values[0], 0, 1) * (2**bit_depth - 1) + 0.5
         return out
 
@@ -67,15 +69,34 @@ class NativeBackend(Backend):
         width, height = size
         out = np.empty((1, height, width, 3), np.float32)
         taus = np.array([tau], np.float32)
-        _core.render_float(prepared, taus, out, *coded_size, self._threads)
+        _core.render_float(prepared, taus, out, *coded_size, *self._how)
         picture: Float32Array = out[0]
         return picture
 
-    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+    def sums(
+        self, prepared: _core.Parameters, tau: float, size: Size, coded_size: Size
+    ) -> Float32Array:
+        """Return the sums that a frame is made of, (H, W, 4)."""
+        width, height = size
+        out = np.empty((1, height, width, 4), np.float32)
+        taus = np.array([tau], np.float32)
+        _core.render_sums(prepared, taus, out, *coded_size, *self._how)
+        sums: Float32Array = out[0]
+        return sums
+
+    def gradient(
+        self,
+        gop: Gop,
+        tau: float,
+        weights: Float32Array,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> Gop:
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         gradient = Gop(**{name: np.empty_like(getattr(gop, name)) for name in Gop.__slots__})
-        core = parameters(gop), tau, weights, *coded_size, parameters(gradient), self._threads
-        _core.backward_float(*core)
+        mean, threads = self._how
+        core = parameters(gop), tau, weights, *coded_size, mean, parameters(gradient), threads
+        _core.backward_float(*core, backdrop)
         return gradient
 
     def squared_error(
@@ -89,13 +110,15 @@ class NativeBackend(Backend):
         """Render, compare and differentiate in one call of the core."""
         # Views as NumPy arrays: nanobind takes them ten times as fast as tensors.
         gradients = [value.new_empty(value.shape) for value in parameters.values()]
+        mean, threads = self._how
         error = _core.squared_error(
             _core.Parameters(*(value.numpy() for value in parameters.values())),
             tau,
             target,
             *coded_size,
+            mean,
             _core.Parameters(*(gradient.numpy() for gradient in gradients)),
-            self._threads,
+            threads,
             backdrop,
         )
         return error, gradients
@@ -115,7 +138,7 @@ class NativeBackend(Backend):
         """Take one step of Adam in place."""
         scaled = rates.numpy() * np.float32(factor)
         param, grad, m, v = (tensor.numpy() for tensor in (value, gradient, mean, square))
-        _core.adam_step(param, grad, m, v, scaled, *betas, epsilon, step, self._threads)
+        _core.adam_step(param, grad, m, v, scaled, *betas, epsilon, step, self._how[1])
 
 
 def parameters(gop: Gop) -> _core.Parameters:

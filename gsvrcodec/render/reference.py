@@ -20,10 +20,13 @@ from gsvrcodec.model.reconstruction import (
     ANTIALIAS,
     CUTOFF,
     DILATION,
+    GROUND,
     LEVELS,
     MIN_SCALE,
     MIN_VARIANCE,
+    MOST_LOG_OPACITY,
     UPSAMPLING,
+    Blending,
 )
 from gsvrcodec.render.backend import Backend, Codes, Samples, Size
 
@@ -35,7 +38,7 @@ class Splats(NamedTuple):
 
     centre: Tensor  #: (N, 2) px of the level
     covariance: Tensor  #: (N, 2, 2) px^2 of the level
-    colour: Tensor  #: (N, 3)
+    factors: Tensor  #: (N, 4) of the weight: of the colours, and of the weight itself
     level: Tensor  #: (N,) integers
 
 
@@ -56,7 +59,11 @@ def _bilinear(grid: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def deform(
-    parameters: Mapping[str, Tensor], tau: float, size: tuple[int, int], coded_size: tuple[int, int]
+    parameters: Mapping[str, Tensor],
+    tau: float,
+    size: tuple[int, int],
+    coded_size: tuple[int, int],
+    blending: Blending = "mean",
 ) -> Splats:
     """Deform the canonical Gaussians to time `tau` and project them to a frame of `size` (W, H).
 
@@ -89,26 +96,32 @@ def deform(
     variance = torch.maximum(scale**2 + widening, torch.where(above, MIN_VARIANCE * area, 0.0))
     amplitude = ((scale**2 + DILATION) / variance).prod(dim=1, keepdim=True).sqrt()
     covariance = rotation @ torch.diag_embed(variance) @ rotation.mT
+    colour, opacity = parameters["colour"], torch.ones_like(amplitude)
+    if blending == "sum":
+        colour = colour + offset[:, 5:8]
+    else:
+        log_opacity = (parameters["log_opacity"] + offset[:, 5])[:, None]
+        opacity = log_opacity.clamp(-MOST_LOG_OPACITY, MOST_LOG_OPACITY).exp()
     pixels = position.new_tensor(size) / 2.0 ** level[:, None]
     unit = pixels / position.new_tensor(coded_size)
     return Splats(
         centre=(mu + 1) / 2 * pixels,
         covariance=covariance * unit[:, :, None] * unit[:, None, :],
-        colour=amplitude * (parameters["colour"] + offset[:, 5:8]),
+        factors=amplitude * opacity * torch.cat([colour, torch.ones_like(amplitude)], 1),
         level=level,
     )
 
 
 def rasterise(splats: Splats, level: int, size: tuple[int, int]) -> Tensor:
-    """Sum of the Gaussians of one level, (H, W, 3); `size` (W, H) is the level's."""
+    """Sums over the Gaussians of one level, (H, W, 4); `size` (W, H) is the level's."""
     width, height = size
     own = splats.level == level
-    centre, colour = splats.centre[own], splats.colour[own]
+    centre, factors = splats.centre[own], splats.factors[own]
     inverse = torch.linalg.inv(splats.covariance[own])
     dtype = centre.dtype
     x = torch.arange(width, dtype=dtype) + 0.5
     y = torch.arange(height, dtype=dtype) + 0.5
-    picture = torch.zeros(height, width, 3, dtype=dtype)
+    picture = torch.zeros(height, width, 4, dtype=dtype)
     for begin in range(0, len(centre), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         dx = (x - centre[part, :1])[:, None, :]
@@ -116,16 +129,32 @@ def rasterise(splats: Splats, level: int, size: tuple[int, int]) -> Tensor:
         a, b, c = (inverse[part, i, j, None, None] for i, j in ((0, 0), (0, 1), (1, 1)))
         exponent = (a * dx * dx + 2 * b * dx * dy + c * dy * dy) / 2
         weight = (torch.exp(-exponent) - CUTOFF).clamp(min=0)
-        picture = picture + torch.einsum("nhw,nc->hwc", weight, colour[part])
+        picture = picture + torch.einsum("nhw,nc->hwc", weight, factors[part])
     return picture
 
 
 def upsample(picture: Tensor, size: tuple[int, int]) -> Tensor:
-    """Double the sides of a level (h, w, 3), bilinearly, and crop it to `size` (W, H)."""
+    """Double the sides of a level (h, w, 4), bilinearly, and crop it to `size` (W, H)."""
     double = torch.nn.functional.interpolate(
         picture.permute(2, 0, 1)[None], scale_factor=2, mode="bilinear", align_corners=False
     )
     return double[0, :, : size[1], : size[0]].permute(1, 2, 0)
+
+
+def render_sums(
+    parameters: Mapping[str, Tensor],
+    tau: float,
+    size: tuple[int, int],
+    coded_size: tuple[int, int],
+    blending: Blending = "mean",
+) -> Tensor:
+    """Sums of weighted colours and of weights, (H, W, 4)."""
+    splats = deform(parameters, tau, size, coded_size, blending)
+    sums = rasterise(splats, LEVELS - 1, level_size(size, LEVELS - 1))
+    for level in reversed(range(LEVELS - 1)):
+        below = level_size(size, level)
+        sums = upsample(sums, below) + rasterise(splats, level, below)
+    return sums
 
 
 def render(
@@ -133,20 +162,27 @@ def render(
     tau: float,
     size: tuple[int, int],
     coded_size: tuple[int, int] | None = None,
+    blending: Blending = "mean",
+    backdrop: Tensor | None = None,
 ) -> Tensor:
-    """Render one frame, (H, W, 3), neither clamped nor rounded; differentiable in `parameters`."""
-    splats = deform(parameters, tau, size, coded_size or size)
-    picture = rasterise(splats, LEVELS - 1, level_size(size, LEVELS - 1))
-    for level in reversed(range(LEVELS - 1)):
-        below = level_size(size, level)
-        picture = upsample(picture, below) + rasterise(splats, level, below)
-    return picture
+    """Render one frame, (H, W, 3), neither clamped nor rounded; differentiable in `parameters`.
+
+    The sums (H, W, 4) of a backdrop are added to those of the frame.
+    """
+    sums = render_sums(parameters, tau, size, coded_size or size, blending)
+    if backdrop is not None:
+        sums = sums + backdrop
+    return sums[..., :3] if blending == "sum" else sums[..., :3] / (sums[..., 3:] + GROUND)
 
 
 class ReferenceBackend(Backend):
     """The equations in float64, on the CPU; slow."""
 
     device = "cpu"
+
+    def __init__(self, blending: Blending = "mean") -> None:
+        """Form pictures so."""
+        self.blending = blending
 
     def prepare(self, gop: Gop) -> dict[str, Tensor]:
         """Return the parameters in float64."""
@@ -167,8 +203,9 @@ class ReferenceBackend(Backend):
         """Render frames of a prepared GOP."""
         white = 2**bit_depth - 1
         frames = [
-            (render(prepared, float(tau), size, coded_size).clamp(0, 1) * white + 0.5).floor()
+            (picture.clamp(0, 1) * white + 0.5).floor()
             for tau in taus
+            for picture in [render(prepared, float(tau), size, coded_size, self.blending)]
         ]
         values: NDArray[np.float64] = torch.stack(frames).numpy()
         codes = values.astype(np.uint8) if bit_depth == 8 else values.astype(np.uint16)
@@ -181,14 +218,32 @@ class ReferenceBackend(Backend):
         self, prepared: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
     ) -> Float32Array:
         """Render one frame, (H, W, 3), neither clamped nor rounded."""
-        picture: Float32Array = render(prepared, tau, size, coded_size).float().numpy()
-        return picture
+        picture = render(prepared, tau, size, coded_size, self.blending)
+        samples: Float32Array = picture.float().numpy()
+        return samples
 
-    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+    def sums(
+        self, prepared: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
+    ) -> Float32Array:
+        """Return the sums that a frame is made of, (H, W, 4)."""
+        sums = render_sums(prepared, tau, size, coded_size, self.blending)
+        samples: Float32Array = sums.float().numpy()
+        return samples
+
+    def gradient(
+        self,
+        gop: Gop,
+        tau: float,
+        weights: Float32Array,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> Gop:
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         size = weights.shape[1], weights.shape[0]
         leaves = _leaves(self.prepare(gop))
-        total = (render(leaves, tau, size, coded_size) * torch.from_numpy(weights)).sum()
+        behind = None if backdrop is None else torch.from_numpy(backdrop)
+        picture = render(leaves, tau, size, coded_size, self.blending, behind)
+        total = (picture * torch.from_numpy(weights)).sum()
         gradients = _gradients(total, leaves)
         return Gop(**{name: g.float().numpy() for name, g in zip(leaves, gradients, strict=True)})
 
@@ -202,9 +257,9 @@ class ReferenceBackend(Backend):
     ) -> tuple[float, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame and its gradients."""
         leaves = _leaves(parameters)
-        picture = render(leaves, tau, (target.shape[1], target.shape[0]), coded_size)
-        if backdrop is not None:
-            picture = picture + torch.from_numpy(backdrop)
+        size = target.shape[1], target.shape[0]
+        behind = None if backdrop is None else torch.from_numpy(backdrop)
+        picture = render(leaves, tau, size, coded_size, self.blending, behind)
         shown = picture + (picture.clamp(0, 1) - picture).detach()
         error = (shown - torch.from_numpy(target) / 255).square().mean()
         gradients = _gradients(error, leaves)

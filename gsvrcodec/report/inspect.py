@@ -16,6 +16,7 @@ from gsvrcodec.bitstream.chunk import (
 from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.gop_head import GopEntry, GopHead
 from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.bitstream.tags import container_of, parse_settings, parse_tags
@@ -125,7 +126,7 @@ def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
         gops, warnings = [], list(reader.warnings)
         for position, entry in enumerate(reader.gops):
             try:
-                gops.append(_gop_info(entry, reader.read_gop_head(position)))
+                gops.append(_gop_info(entry, reader.read_gop_head(position), reader.header))
             except CorruptError as error:
                 warnings.append(str(error))
         return FileInfo(
@@ -211,9 +212,9 @@ def _sentence(error: CorruptError) -> str:
     return f"{error} (spec section {error.section})" if error.section else str(error)
 
 
-def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
+def _gop_info(entry: GopEntry, head: GopHead, header: Header) -> GopInfo:
     """Return the properties of a GOP from its index entry and its head."""
-    shape = head.shape
+    shape = head.shape(header.blending)
     return GopInfo(
         first_frame=entry.first_frame,
         frames=entry.frames,
@@ -227,6 +228,6 @@ def _gop_info(entry: GopEntry, head: GopHead) -> GopInfo:
         moved=head.moved,
         new=head.new,
         grid=head.grid,
-        parameters=sum(a.components * shape.samples(a.grid) for a in ALL_ATTRIBUTES),
+        parameters=sum(a.components * shape.samples(a.grid) for a in shape.attributes()),
         bytes=entry.size,
     )

@@ -1,6 +1,6 @@
 """Compile every Triton kernel; needs no GPU: `python -m tests.render.compile_kernels [90]`.
 
-Prints registers and bytes of local memory of each kernel.
+Prints registers and bytes of local memory of each kernel, for means (4 sums) and sums (3).
 """
 
 from __future__ import annotations
@@ -10,16 +10,18 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.triton import adam, deform, deform_backward, planes, pyramid, raster
-from gsvrcodec.render.triton.launch import CHUNK
+from gsvrcodec.render.triton.launch import CHUNK, sums_of
 
-#: Kernel, warps, element types of pointers that are not fp32, compile-time values.
+#: Kernel, warps, element types of pointers that are not fp32, compile-time values. Those whose SUMS
+#: is left open are compiled for both blendings.
 KERNELS: list[tuple[Any, int, dict[str, str], dict[str, Any]]] = [
     (deform.project, 2, {"level_ptr": "i32"}, {"PLANES": True}),
     (deform_backward.deform_backward, 2, {"level_ptr": "i32"}, {"PLANES": True}),
@@ -29,6 +31,8 @@ KERNELS: list[tuple[Any, int, dict[str, str], dict[str, Any]]] = [
     (pyramid.fold, 4, {}, {}),
     (pyramid.to_codes, 4, {"code_ptr": "u8"}, {}),
     (pyramid.to_floats, 4, {}, {}),
+    (pyramid.to_sums, 4, {}, {}),
+    (pyramid.weigh, 4, {}, {"BACKDROP": True}),
     (pyramid.residual, 4, {"target_ptr": "u8"}, {"BACKDROP": True}),
     (pyramid.spread, 4, {}, {}),
     (adam.adam_update, 4, {}, {}),
@@ -81,8 +85,13 @@ def main() -> None:
     """Compile all kernels for the capability given, or 9.0."""
     capability = int(sys.argv[1]) if len(sys.argv) > 1 else 90
     for kernel, warps, pointers, constants in KERNELS:
-        code = compile_kernel(kernel, warps, pointers, constants, capability)
-        print(f"{kernel.__name__:18}{warps} warps  {resources(code)}", flush=True)
+        choices: list[dict[str, Any]] = [{}]
+        if "SUMS" in kernel.arg_names:
+            choices = [{"SUMS": sums_of(blending)} for blending in get_args(Blending)]
+        for choice in choices:
+            code = compile_kernel(kernel, warps, pointers, constants | choice, capability)
+            sums = "".join(f"{n} sums" for n in choice.values())
+            print(f"{kernel.__name__:18}{warps} warps {sums:8}{resources(code)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import reference
 from gsvrcodec.render.native import parameters
@@ -34,6 +36,7 @@ def random_gop(n: int, *, grid: tuple[int, int, int] = (6, 5, 4), seed: int = 0)
         "xy": r.normal(0, 0.3, (gy, gx, 8)),
         "xt": r.normal(1, 0.2, (gt, gx, 8)),
         "yt": r.normal(1, 0.2, (gt, gy, 8)),
+        "log_opacity": r.normal(0, 2, n),
     }
     return Gop(**{name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()})
 
@@ -45,6 +48,12 @@ class Example:
     gop: Gop
     size: tuple[int, int] = SIZE
     coded_size: tuple[int, int] = SIZE
+    blending: Blending = "mean"
+
+    @property
+    def mean(self) -> bool:
+        """Whether pictures are means."""
+        return self.blending == "mean"
 
 
 def _shaped(sigma_px: tuple[float, float], n: int = 20) -> Gop:
@@ -62,6 +71,13 @@ def _off_frame() -> Gop:
 def _colourless() -> Gop:
     gop = random_gop(20, grid=(0, 0, 0))
     gop.colour[:] = 0
+    return gop
+
+
+def _opacities(spread: float) -> Gop:
+    """Gaussians of which some hide all others, beyond the bounds too."""
+    gop = random_gop(60, seed=3)
+    gop.log_opacity[:] *= spread / 2
     return gop
 
 
@@ -96,7 +112,16 @@ EXAMPLES = {
     "smaller": Example(random_gop(50), (33, 31), (96, 64)),
     "larger": Example(random_gop(20), (150, 140), (64, 48)),
     "stretched": Example(random_gop(20), (20, 140), (96, 48)),
+    "opaque": Example(_opacities(8.0)),
 }
+
+
+def sums(examples: Mapping[str, Example]) -> dict[str, Example]:
+    """The same examples, whose pictures are sums."""
+    return {f"sum, {name}": replace(own, blending="sum") for name, own in examples.items()}
+
+
+EXAMPLES |= sums(EXAMPLES)
 
 
 def all_levels(n: int, log_sigma: float) -> Gop:
@@ -117,13 +142,16 @@ SMALL = {
     "1x1": Example(all_levels(5, 1.0), (1, 1), (1, 1)),
     "none": Example(random_gop(0), (5, 3), (5, 3)),
 }
+SMALL |= sums(SMALL)
 
 
 def native_float(example: Example, taus: Float32Array, threads: int = 1) -> Float32Array:
     """Frames (F, H, W, 3) before the clamp."""
     width, height = example.size
     out = np.full((len(taus), height, width, 3), np.nan, np.float32)
-    _core.render_float(parameters(example.gop), taus, out, *example.coded_size, threads)
+    _core.render_float(
+        parameters(example.gop), taus, out, *example.coded_size, example.mean, threads
+    )
     return out
 
 
@@ -138,20 +166,32 @@ def native_gradients(
     """Gradients of sum(frame * weights)."""
     gradient = empty_gradient(example.gop)
     _core.backward_float(
-        parameters(example.gop), tau, weights, *example.coded_size, parameters(gradient), threads
+        parameters(example.gop),
+        tau,
+        weights,
+        *example.coded_size,
+        example.mean,
+        parameters(gradient),
+        threads,
     )
     return {name: getattr(gradient, name) for name in Gop.__slots__}
 
 
 def reference_render(
-    example: Example, weights: Float32Array | None = None, tau: float = TAU
+    example: Example,
+    weights: Float32Array | None = None,
+    tau: float = TAU,
+    backdrop: Float32Array | None = None,
 ) -> tuple[NDArray[np.float64], Gradients]:
     """A frame before the clamp and the gradients of sum(frame * weights)."""
     tensors = {
         name: torch.tensor(getattr(example.gop, name), dtype=torch.float64, requires_grad=True)
         for name in Gop.__slots__
     }
-    frame = reference.render(tensors, tau, example.size, example.coded_size)
+    behind = None if backdrop is None else torch.from_numpy(backdrop)
+    frame = reference.render(
+        tensors, tau, example.size, example.coded_size, example.blending, behind
+    )
     if weights is not None and frame.requires_grad:
         torch.autograd.backward((frame * torch.from_numpy(weights)).sum())
     gradients = {

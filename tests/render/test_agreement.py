@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.native import parameters
@@ -49,18 +52,19 @@ def test_codes(name: str, isa: str) -> None:
 
 
 @pytest.mark.parametrize("backdrop", [False, True])
+@pytest.mark.parametrize("blending", ["mean", "sum"])
 @pytest.mark.parametrize("name", ["mixed", "smaller", "larger", "1x1", "low", "no tri-plane"])
-def test_squared_error(name: str, isa: str, backdrop: bool) -> None:
-    example = EXAMPLES[name]
+def test_squared_error(name: str, blending: Blending, isa: str, backdrop: bool) -> None:
+    example = replace(EXAMPLES[name], blending=blending)
     width, height = example.size
     rng = np.random.default_rng(2)
     target = rng.integers(0, 256, (height, width, 3), np.uint8)
-    behind = rng.uniform(-0.5, 0.5, target.shape).astype(np.float32) * backdrop
-    frame, _ = examples.reference_render(example)
-    residual = (frame + behind).clip(0, 1) - target / 255.0
+    behind = rng.uniform(0, 0.5, (height, width, 4)).astype(np.float32) if backdrop else None
+    frame, _ = examples.reference_render(example, backdrop=behind)
+    residual = frame.clip(0, 1) - target / 255.0
     # The gradient passes through the clamp: a sample out of range is drawn back.
     _, gradients = examples.reference_render(
-        example, (2 / residual.size * residual).astype(np.float32)
+        example, (2 / residual.size * residual).astype(np.float32), backdrop=behind
     )
     gradient = examples.empty_gradient(example.gop)
     loss = _core.squared_error(
@@ -68,9 +72,10 @@ def test_squared_error(name: str, isa: str, backdrop: bool) -> None:
         TAU,
         target,
         *example.coded_size,
+        example.mean,
         parameters(gradient),
         2,
-        behind if backdrop else None,
+        behind,
     )
     assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
     examples.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)

@@ -9,11 +9,13 @@
 namespace gsvr {
 namespace {
 
-// `row` is the distance of the rows of a frame, in samples.
+// `row` is the distance of the rows of a frame, in samples; `channels` how many a pixel has.
 template <class T, class ToSamples>
-void render(const RenderCall &call, const float *taus, int frames, int threads, T *out,
-            std::size_t row, ToSamples to_samples) {
-    const std::size_t samples = std::size_t{3} * call.size.width * call.size.height;
+void render(const Scene &scene, const float *taus, int frames, int threads, T *out,
+            std::size_t channels, std::size_t row, ToSamples Kernels::*convert) {
+    const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, true);
+    const ToSamples to_samples = call.kernels.*convert;
+    const std::size_t samples = channels * call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
     StaticPyramid static_pyramid{};
@@ -38,48 +40,53 @@ void render(const RenderCall &call, const float *taus, int frames, int threads, 
 
 }  // namespace
 
-void render_rgb8(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
-                 int threads, std::uint8_t *out) {
-    const RenderCall call(gop, size, coded, true);
-    render(call, taus, frames, threads, out, std::size_t{3} * size.width, call.kernels.to_rgb8);
+void render_rgb8(const Scene &scene, const float *taus, int frames, int threads,
+                 std::uint8_t *out) {
+    const std::size_t row = std::size_t{3} * scene.size.width;
+    render(scene, taus, frames, threads, out, 3, row, &Kernels::to_rgb8);
 }
 
-void render_planes8(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
-                    int threads, std::uint8_t *out) {
-    const RenderCall call(gop, size, coded, true);
-    render(call, taus, frames, threads, out, size.width, call.kernels.to_planes8);
+void render_planes8(const Scene &scene, const float *taus, int frames, int threads,
+                    std::uint8_t *out) {
+    render(scene, taus, frames, threads, out, 3, scene.size.width, &Kernels::to_planes8);
 }
 
-void render_float(const GopArrays &gop, const float *taus, int frames, Size size, Size coded,
-                  int threads, float *out) {
-    const RenderCall call(gop, size, coded, true);
-    render(call, taus, frames, threads, out, std::size_t{3} * size.width, call.kernels.to_float);
+void render_float(const Scene &scene, const float *taus, int frames, int threads, float *out) {
+    const std::size_t row = std::size_t{3} * scene.size.width;
+    render(scene, taus, frames, threads, out, 3, row, &Kernels::to_float);
 }
 
-void backward_float(const GopArrays &gop, float tau, Size size, Size coded, int threads,
-                    const float *weights, const GopArrays &gradient) {
-    const RenderCall call(gop, size, coded, false);
+void render_sums(const Scene &scene, const float *taus, int frames, int threads, float *out) {
+    const std::size_t row = std::size_t{kSums} * scene.size.width;
+    render(scene, taus, frames, threads, out, kSums, row, &Kernels::to_sums);
+}
+
+void backward_float(const Scene &scene, float tau, int threads, const float *weights,
+                    const float *backdrop, const GopArrays &gradient) {
+    const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
     const FrameRenderer renderer(call, tau, threads, *space);
-    renderer.backward(false, gradient, [&](int, RowRange rows, const Pixels &pixels) {
-        call.kernels.from_float(weights + static_cast<std::size_t>(rows.begin) * size.width * 3,
-                                renderer.frame(), rows, pixels);
+    // The gradient of a sum does not depend on the picture.
+    renderer.backward(call.mean, gradient, [&](int, RowRange rows, const Pixels &pixels) {
+        const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
+        const float *behind = call.mean && backdrop ? backdrop + kSums * first : nullptr;
+        call.kernels.from_float(weights + 3 * first, behind, renderer.frame(), rows, pixels);
     });
 }
 
-double squared_error(const GopArrays &gop, float tau, Size size, Size coded, int threads,
-                     const std::uint8_t *target, const float *backdrop, const GopArrays &gradient) {
-    const RenderCall call(gop, size, coded, false);
+double squared_error(const Scene &scene, float tau, int threads, const std::uint8_t *target,
+                     const float *backdrop, const GopArrays &gradient) {
+    const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
     const FrameRenderer renderer(call, tau, threads, *space);
     double *sums = space->sums.reserve(call.levels[0].bands());
-    const double samples = 3.0 * size.width * size.height;
+    const double samples = 3.0 * call.size.width * call.size.height;
     renderer.backward(true, gradient, [&](int index, RowRange rows, const Pixels &pixels) {
-        const std::size_t first = static_cast<std::size_t>(rows.begin) * size.width * 3;
-        sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + first,
-                                            backdrop ? backdrop + first : nullptr,
+        const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
+        sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + 3 * first,
+                                            backdrop ? backdrop + kSums * first : nullptr,
                                             static_cast<float>(2.0 / samples));
     });
     double total = 0.0;

@@ -11,25 +11,33 @@ struct Size {
     int width, height;
 };
 
-// Render a GOP at the `frames` times of `taus`; `out` is (frames, height, width, 3). `size` is the
-// size to render at; Gaussians have their scales in pixels of the size `coded`.
-void render_rgb8(const GopArrays &, const float *taus, int frames, Size size, Size coded,
-                 int threads, std::uint8_t *out);
+// What pictures are made of and how: a GOP; the size to render at; the size in whose pixels the
+// Gaussians have their scales; whether pictures are means, or sums.
+struct Scene {
+    const GopArrays &gop;
+    Size size, coded;
+    bool mean;
+};
+
+// Render a GOP at the `frames` times of `taus`; `out` is (frames, height, width, 3).
+void render_rgb8(const Scene &, const float *taus, int frames, int threads, std::uint8_t *out);
 // The same, but `out` is (frames, 3, height, width).
-void render_planes8(const GopArrays &, const float *taus, int frames, Size size, Size coded,
-                    int threads, std::uint8_t *out);
-void render_float(const GopArrays &, const float *taus, int frames, Size size, Size coded,
-                  int threads, float *out);
+void render_planes8(const Scene &, const float *taus, int frames, int threads, std::uint8_t *out);
+void render_float(const Scene &, const float *taus, int frames, int threads, float *out);
+// The same, but `out` is (frames, height, width, 4): the sums of the weighted colours, and of the
+// weights, which the ground has no part in.
+void render_sums(const Scene &, const float *taus, int frames, int threads, float *out);
 
 // Writes the gradients of sum(frame * weights) of one frame; `weights` is (height, width, 3).
-void backward_float(const GopArrays &, float tau, Size size, Size coded, int threads,
-                    const float *weights, const GopArrays &gradient);
+// `backdrop`, if not null, is (height, width, 4), and is added to the sums.
+void backward_float(const Scene &, float tau, int threads, const float *weights,
+                    const float *backdrop, const GopArrays &gradient);
 
 // Returns the mean squared error of the frame, clamped to [0, 1], against `target`, and writes the
-// gradients of the error; the gradient of the clamp counts as 1 everywhere. `target` and `backdrop`
-// are (height, width, 3); `backdrop`, if not null, is added to the frame before the clamp.
-double squared_error(const GopArrays &, float tau, Size size, Size coded, int threads,
-                     const std::uint8_t *target, const float *backdrop, const GopArrays &gradient);
+// gradients of the error; the gradient of the clamp counts as 1 everywhere. `target` is
+// (height, width, 3); `backdrop` as above.
+double squared_error(const Scene &, float tau, int threads, const std::uint8_t *target,
+                     const float *backdrop, const GopArrays &gradient);
 
 // The state of Adam for n parameters. The learning rate of parameter i is rate[i % period].
 struct Adam {

@@ -14,6 +14,8 @@ struct Deformed {
     vi wide[2];      // mask: the variance is above the minimum
     vf variance[2];  // along the Gaussian's axes, px^2 of the coded frame
     vf amplitude;
+    vf opacity;                       // of a mean; 1 of a sum
+    vi opacity_free;                  // mask: the log-opacity is within its bounds
     vi finite;                        // mask: the lane holds a Gaussian, and its scales are finite
     vf sine, cosine;                  // of twice the rotation angle
     vf half_difference;               // half the difference of the two variances
@@ -62,6 +64,14 @@ static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, i
         ratio *= (square + kDilation) / d.variance[k];
     }
     d.amplitude = sqrt(ratio);
+    const vf log_opacity =
+        load_fields<1>(gop.log_opacity, i, count).column[0] + (frame.mean ? d.offset[5] : vf{});
+    const vf bounded =
+        max(min(log_opacity, broadcast(kMostLogOpacity)), broadcast(-kMostLogOpacity));
+    d.opacity_free = bounded == log_opacity;
+    d.opacity = frame.mean ? exp2(kLog2E * bounded) : broadcast(1.0f);
+    // min() has turned NaN into the largest opacity, but such a Gaussian must not be drawn.
+    if (frame.mean) d.finite &= is_finite(log_opacity);
     const vf mean = 0.5f * (d.variance[0] + d.variance[1]);
     d.half_difference = 0.5f * (d.variance[0] - d.variance[1]);
     const vf zx =
@@ -110,11 +120,13 @@ static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i
                (absolute(centre[1]) < kFar) & (absolute(slope) < kFar) & (across < kFar * kFar) &
                (down < kFar * kFar) & (centre[0] + reach_x >= 0.0f) &
                (centre[0] - reach_x <= columns);
+    const vf share = d.amplitude * d.opacity;
     for (int k = 0; k < 3; ++k) {
-        const vf c = d.amplitude * (colour.column[k] + d.offset[5 + k]);
+        const vf c = share * (colour.column[k] + (frame.mean ? vf{} : d.offset[5 + k]));
         drawn &= is_finite(c);
         store(out.colour[k] + l, c);
     }
+    store(out.colour[3] + l, share);
 
     store(out.cx + l, centre[0]);
     store(out.cy + l, centre[1]);

@@ -1,14 +1,14 @@
 // Computes the gradients of the parameters of kLanes Gaussians from the moments of their splats.
 // Included by kernels.cpp.
 
-// Writes the gradients of the Gaussians [i, i + count). `drawn` is a mask: the gradients of the
-// other lanes are zero.
-static inline void deform_backward(const GopArrays &gop, const Frame &frame, const Moments *moments,
-                                   vi drawn, int i, int count, const GopArrays &gradient, float *xy,
-                                   float *xt_line, float *yt_line) {
+// Writes the gradients of the Gaussians [i, i + count), whose moments are those from `first` on.
+// `drawn` is a mask: the gradients of the other lanes are zero.
+static inline void deform_backward(const GopArrays &gop, const Frame &frame, const Moments &moments,
+                                   int first, vi drawn, int i, int count, const GopArrays &gradient,
+                                   float *xy, float *xt_line, float *yt_line) {
     const Deformed d = deform(gop, frame, i, count);
     vf moment[8];
-    to_columns(&moments[0].colour[0], moment);
+    to_columns(moments.of[first], moment);
     const vf mx = moment[3], my = moment[4], mxx = moment[5], mxy = moment[6], myy = moment[7];
     vf offset[kChannels];
 
@@ -29,12 +29,21 @@ static inline void deform_backward(const GopArrays &gop, const Frame &frame, con
     store_fields<2>(gradient.linear, i, count, linear);
     store_fields<2>(gradient.quadratic, i, count, quadratic);
     const Fields<3> colour = load_fields<3>(gop.colour, i, count);
-    vf log_amplitude_gradient{};  // with respect to the logarithm of the amplitude
+    const vf share = d.amplitude * d.opacity;
+    Fields<3> of_colour;
+    for (int k = 0; k < 3; ++k) of_colour.column[k] = where(drawn, share * moment[k]);
+    store_fields<3>(gradient.colour, i, count, of_colour);
+    // With respect to the logarithm of the amplitude, and of the opacity.
+    vf log_amplitude_gradient{};
+    if (frame.mean) log_amplitude_gradient = where(drawn, share * load(moments.weight + first));
     for (int k = 0; k < 3; ++k) {
-        offset[5 + k] = where(drawn, d.amplitude * moment[k]);
-        log_amplitude_gradient += offset[5 + k] * (colour.column[k] + d.offset[5 + k]);
+        const vf moving = frame.mean ? vf{} : d.offset[5 + k];
+        log_amplitude_gradient += of_colour.column[k] * (colour.column[k] + moving);
+        offset[5 + k] = frame.mean ? vf{} : of_colour.column[k];
     }
-    store_fields<3>(gradient.colour, i, count, {{offset[5], offset[6], offset[7]}});
+    vf of_opacity{};
+    if (frame.mean) of_opacity = offset[5] = where(d.opacity_free, log_amplitude_gradient);
+    store_fields<1>(gradient.log_opacity, i, count, {{of_opacity}});
 
     // The covariance, in the coordinate system of its axes, where thin Gaussians lose no precision.
     // With the second moments m, in pixels of the coded frame, and the variances lambda, the

@@ -58,10 +58,10 @@ void add_line(const float *line, const PyramidLevel &level, int row, int lanes,
     float *p = pixels.data + static_cast<std::size_t>(row / rows) * rows * kRowFloats +
                row % rows * kStripWidth;
     for (int strip = 0; strip < level.strips(); ++strip)
-        for (int c = 0; c < 3; ++c)
+        for (int c = 0; c < kSums; ++c)
             for (int i = 0; i < kStripWidth; ++i)
-                p[(static_cast<std::size_t>(strip) * pixels.rows * 3 + c * rows) * kStripWidth +
-                  i] += line[(strip * 3 + c) * kStripWidth + i];
+                p[(static_cast<std::size_t>(strip) * pixels.rows * kSums + c * rows) * kStripWidth +
+                  i] += line[(strip * kSums + c) * kStripWidth + i];
 }
 
 // Floats of the pictures of the levels [first, end).
@@ -87,11 +87,13 @@ RowRange PyramidLevel::band(int index) const {
     return {begin, std::min(begin + band_rows, size.height)};
 }
 
-RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool separate_static_)
+RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool mean_,
+                       bool separate_static_)
     : gop(gop_),
       size(size_),
       coded(coded_),
       kernels(gsvr::kernels()),
+      mean(mean_),
       separate_static(separate_static_) {
     for (int level = 0; level < kLevels; ++level) {
         const int round_up = (1 << level) - 1;
@@ -127,6 +129,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
               call.coded.height,
               static_cast<float>(zoom),
               {},
+              call.mean,
               call.separate_static,
               nullptr,
               nullptr};
@@ -287,7 +290,7 @@ void FrameRenderer::reserve_backward() const {
             rows->slot = static_cast<int>(slots);
             slots += block_bands(*rows, layer.band_rows);
         }
-    space_.moments.reserve(slots * kBlock);
+    space_.moments.reserve(slots);
 }
 
 void FrameRenderer::backward_deformation(const GopArrays &gradient) const {

@@ -25,14 +25,14 @@ struct PyramidLevel {
 
 // The inputs that all frames of one call share.
 struct RenderCall {
-    // separate_static: static splats are rasterised before the dynamic ones, so that several frames
-    // can share the picture of the static splats.
-    RenderCall(const GopArrays &, Size size, Size coded, bool separate_static);
+    // mean: pictures are means, else sums. separate_static: static splats are rasterised before the
+    // dynamic ones, so that several frames can share the picture of the static splats.
+    RenderCall(const GopArrays &, Size size, Size coded, bool mean, bool separate_static);
 
     const GopArrays &gop;
     const Size size, coded;
     const Kernels &kernels;
-    const bool separate_static;
+    const bool mean, separate_static;
     PyramidLevel levels[kLevels];
 };
 

@@ -9,10 +9,13 @@
 
 namespace gsvr {
 
-constexpr int kChannels = 8;  // dx, dy, dsx, dsy, dtheta, dr, dg, db
+constexpr int kChannels = 8;  // dx, dy, dsx, dsy, dtheta; dr, dg, db of a sum, or the log-opacity
+                              // of a mean and two without effect
 constexpr float kLog2E = 1.44269504088896f;
 constexpr int kStripWidth = 8;  // pixel columns of a strip
-constexpr int kRowFloats = 3 * kStripWidth;
+// Red, green, blue, and the weight that a mean divides them by; a sum has no use for it.
+constexpr int kSums = 4;
+constexpr int kRowFloats = kSums * kStripWidth;
 constexpr int kBlock = 16;  // Gaussians of a block; the splats of a block are stored together
 
 // A layer is the dynamic or the static splats of one pyramid level: layer l < kLevels has the
@@ -21,7 +24,7 @@ constexpr int kLayers = 2 * kLevels;
 
 // The parameters of one GOP, or the gradients of the parameters: the arrays of model/gop.py.
 struct GopArrays {
-    float *position, *log_scale, *rotation, *colour, *indicator, *linear, *quadratic;
+    float *position, *log_scale, *rotation, *colour, *log_opacity, *indicator, *linear, *quadratic;
     float *xy, *xt, *yt;
     int n, gx, gy, gt;  // gx = 0: no tri-plane
 };
@@ -33,6 +36,7 @@ struct Frame {
     int width, height, coded_width, coded_height;
     float zoom;                      // the lesser of width / coded_width, height / coded_height
     float level_log_scale[kLevels];  // smallest log-scale of each level; [0] is not used
+    bool mean;                       // the picture is a mean, else a sum
     bool separate_static;  // static splats have their own layers, else they count as dynamic
     const float *xt_line;  // (gx, 8): the xt grid interpolated at tau
     const float *yt_line;  // (gy, 8): the yt grid interpolated at tau
@@ -47,7 +51,7 @@ struct alignas(64) Splats {
     float across[kBlock], down[kBlock];  // px^-2
     float decay[kBlock];                 // 2^(-2 down r^2), r the pixel rows of a vector
     float lowest_dx[kBlock];             // dx of the ellipse's point with the largest y, px
-    float colour[3][kBlock];
+    float colour[kSums][kBlock];         // factors of the weight: of the colours, and of itself
     // The bounding box, in pixels of the splat's level, clipped to the picture. x_begin is rounded
     // down to the start of a vector. The box of a splat that touches no pixel has no rows.
     std::int32_t x_begin[kBlock], x_end[kBlock], row_begin[kBlock], row_end[kBlock];
@@ -60,7 +64,7 @@ struct RowRange {
 };
 
 // The rows that the splats of one block touch in one layer. The moments of the block start at
-// slot * kBlock: kBlock moments for each band that the block touches.
+// `slot`: one for each band that the block touches.
 struct BlockRows {
     int begin, end, slot;
 };
@@ -83,11 +87,11 @@ struct SplatLayer {
     bool empty() const { return begin >= end; }
 };
 
-// Sums over the pixels of a band from which the gradient of one Gaussian is computed: moments of
-// the weighted gradient of the pixels, about the Gaussian's centre.
-struct alignas(32) Moments {
-    float colour[3];
-    float x, y, xx, xy, yy;
+// Sums over the pixels of a band from which the gradients of a block's Gaussians are computed:
+// moments of the weighted gradient of the pixels, about the centre of each Gaussian.
+struct alignas(64) Moments {
+    float of[kBlock][8];   // red, green, blue, x, y, xx, xy, yy
+    float weight[kBlock];  // as red, of the weight
 };
 
 // The rows [first_row, first_row + rows) of a picture, stored in vertical strips of kStripWidth
@@ -119,14 +123,20 @@ struct Kernels {
     // kRowFloats for each strip of the coarse level.
     void (*downsample)(Pixels fine, int fine_width, int fine_height, RowRange rows, Pixels coarse,
                        int coarse_width, float *edges);
-    // Convert rows of pixels to interleaved samples, and back. The first row of samples is
-    // rows.begin. to_planes8 writes three planes of the frame instead, `out` is in the first.
+    // Convert rows of pixels to interleaved samples. The first row of samples is rows.begin.
+    // to_planes8 writes three planes of the frame instead, `out` is in the first. to_sums writes
+    // all four sums as they are.
     void (*to_rgb8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
     void (*to_planes8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, RowRange rows, float *out);
-    void (*from_float)(const float *in, const Frame &, RowRange rows, Pixels);
-    // Replaces the pixels of the rows by (clamp(value + backdrop) - target) * scale and returns the
-    // sum of the squares of clamp(value + backdrop) - target. `backdrop` may be null.
+    void (*to_sums)(Pixels, const Frame &, RowRange rows, float *out);
+    // Replaces the pixels of the rows by the gradient of sum(weights * picture). The backdrop, four
+    // sums a pixel, is added to the pixels first; it may be null.
+    void (*from_float)(const float *weights, const float *backdrop, const Frame &, RowRange rows,
+                       Pixels);
+    // Replaces the pixels of the rows by the gradient of sum(scale / 2 * square(clamp(picture) -
+    // target)), in which that of the clamp counts as 1, and returns the sum of the squares. The
+    // backdrop as above.
     double (*residual)(Pixels, const Frame &, RowRange rows, const std::uint8_t *target,
                        const float *backdrop, float scale);
     // Writes the moments of the splats of one layer from the gradient of the pixels of one band.

@@ -30,18 +30,20 @@ bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
     return true;
 }
 
-// Checks the ten arrays of a GOP, or of its gradients, and keeps them alive.
+// Checks the eleven arrays of a GOP, or of its gradients, and keeps them alive.
 struct Parameters {
-    Floats position, log_scale, rotation, colour, indicator, linear, quadratic, xy, xt, yt;
+    Floats position, log_scale, rotation, colour, log_opacity, indicator, linear, quadratic;
+    Floats xy, xt, yt;
     gsvr::GopArrays arrays{};
 
     Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_,
-               Floats indicator_, Floats linear_, Floats quadratic_, Floats xy_, Floats xt_,
-               Floats yt_)
+               Floats log_opacity_, Floats indicator_, Floats linear_, Floats quadratic_,
+               Floats xy_, Floats xt_, Floats yt_)
         : position(position_),
           log_scale(log_scale_),
           rotation(rotation_),
           colour(colour_),
+          log_opacity(log_opacity_),
           indicator(indicator_),
           linear(linear_),
           quadratic(quadratic_),
@@ -55,6 +57,7 @@ struct Parameters {
         require(has_shape(log_scale, {n, 2}), "log_scale must have shape (N, 2)");
         require(has_shape(rotation, {n}), "rotation must have shape (N,)");
         require(has_shape(colour, {n, 3}), "colour must have shape (N, 3)");
+        require(has_shape(log_opacity, {n}), "log_opacity must have shape (N,)");
         require(has_shape(indicator, {n}), "indicator must have shape (N,)");
         require(has_shape(linear, {n, 2}), "linear must have shape (N, 2)");
         require(has_shape(quadratic, {n, 2}), "quadratic must have shape (N, 2)");
@@ -70,6 +73,7 @@ struct Parameters {
                   log_scale.data(),
                   rotation.data(),
                   colour.data(),
+                  log_opacity.data(),
                   indicator.data(),
                   linear.data(),
                   quadratic.data(),
@@ -101,60 +105,85 @@ using Images = nb::ndarray<T, nb::shape<-1, -1, -1, 3>, nb::c_contig, nb::device
 using Times = nb::ndarray<const float, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 template <class T>
-void render(const Parameters &parameters, Times taus, Images<T> out, int coded_width,
-            int coded_height, int threads) {
+using Pictures = nb::ndarray<T, nb::shape<-1, -1, -1, 4>, nb::c_contig, nb::device::cpu>;
+
+using Render = void (*)(const gsvr::Scene &, const float *, int, int, float *);
+using RenderCodes = void (*)(const gsvr::Scene &, const float *, int, int, std::uint8_t *);
+
+// Renders to `out`, whose axes of rows and columns are given.
+template <class Out, class Function>
+void render(Function function, const Parameters &parameters, Times taus, Out out, int rows,
+            int columns, std::int64_t coded_width, std::int64_t coded_height, bool mean,
+            int threads) {
     require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
     require(out.shape(0) < (1u << 30), "too many frames");
-    const auto size = checked(out.shape(2), out.shape(1));
-    const auto coded = checked(coded_width, coded_height);
-    const int frames = static_cast<int>(taus.shape(0));
+    const gsvr::Scene scene{parameters.arrays, checked(out.shape(columns), out.shape(rows)),
+                            checked(coded_width, coded_height), mean};
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    if constexpr (std::is_same_v<T, float>)
-        gsvr::render_float(parameters.arrays, taus.data(), frames, size, coded, threads,
-                           out.data());
-    else
-        gsvr::render_rgb8(parameters.arrays, taus.data(), frames, size, coded, threads, out.data());
+    function(scene, taus.data(), static_cast<int>(taus.shape(0)), threads, out.data());
+}
+
+void render_rgb8(const Parameters &parameters, Times taus, Images<std::uint8_t> out,
+                 int coded_width, int coded_height, bool mean, int threads) {
+    render<Images<std::uint8_t>, RenderCodes>(gsvr::render_rgb8, parameters, taus, out, 1, 2,
+                                              coded_width, coded_height, mean, threads);
 }
 
 using Planes = nb::ndarray<std::uint8_t, nb::shape<-1, 3, -1, -1>, nb::c_contig, nb::device::cpu>;
 
 void render_planes8(const Parameters &parameters, Times taus, Planes out, int coded_width,
-                    int coded_height, int threads) {
-    require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
-    require(out.shape(0) < (1u << 30), "too many frames");
-    const auto size = checked(out.shape(3), out.shape(2));
-    const auto coded = checked(coded_width, coded_height);
-    threads = gsvr::resolve_threads(threads);
-    nb::gil_scoped_release release;
-    gsvr::render_planes8(parameters.arrays, taus.data(), static_cast<int>(taus.shape(0)), size,
-                         coded, threads, out.data());
+                    int coded_height, bool mean, int threads) {
+    render<Planes, RenderCodes>(gsvr::render_planes8, parameters, taus, out, 2, 3, coded_width,
+                                coded_height, mean, threads);
+}
+
+void render_float(const Parameters &parameters, Times taus, Images<float> out, int coded_width,
+                  int coded_height, bool mean, int threads) {
+    render<Images<float>, Render>(gsvr::render_float, parameters, taus, out, 1, 2, coded_width,
+                                  coded_height, mean, threads);
+}
+
+void render_sums(const Parameters &parameters, Times taus, Pictures<float> out, int coded_width,
+                 int coded_height, bool mean, int threads) {
+    render<Pictures<float>, Render>(gsvr::render_sums, parameters, taus, out, 1, 2, coded_width,
+                                    coded_height, mean, threads);
+}
+
+using Backdrop =
+    std::optional<nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>>;
+
+// The samples of a backdrop that fits the picture; null if there is none.
+const float *checked(const Backdrop &backdrop, gsvr::Size size) {
+    if (!backdrop) return nullptr;
+    require(backdrop->shape(0) == static_cast<std::size_t>(size.height) &&
+                backdrop->shape(1) == static_cast<std::size_t>(size.width),
+            "the backdrop must have the size of the picture");
+    return backdrop->data();
 }
 
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
-                    int coded_width, int coded_height, const Parameters &gradient, int threads) {
+                    int coded_width, int coded_height, bool mean, const Parameters &gradient,
+                    int threads, const Backdrop &backdrop) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
-    const auto size = checked(weights.shape(1), weights.shape(0));
-    const auto coded = checked(coded_width, coded_height);
+    const gsvr::Scene scene{parameters.arrays, checked(weights.shape(1), weights.shape(0)),
+                            checked(coded_width, coded_height), mean};
+    const float *behind = checked(backdrop, scene.size);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::backward_float(parameters.arrays, tau, size, coded, threads, weights.data(),
-                         gradient.arrays);
+    gsvr::backward_float(scene, tau, threads, weights.data(), behind, gradient.arrays);
 }
 
 double squared_error(const Parameters &parameters, float tau, Image<const std::uint8_t> target,
-                     int coded_width, int coded_height, const Parameters &gradient, int threads,
-                     std::optional<Image<const float>> backdrop) {
+                     int coded_width, int coded_height, bool mean, const Parameters &gradient,
+                     int threads, const Backdrop &backdrop) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
-    const auto size = checked(target.shape(1), target.shape(0));
-    const auto coded = checked(coded_width, coded_height);
-    require(!backdrop ||
-                (backdrop->shape(0) == target.shape(0) && backdrop->shape(1) == target.shape(1)),
-            "the backdrop must have the target's shape");
+    const gsvr::Scene scene{parameters.arrays, checked(target.shape(1), target.shape(0)),
+                            checked(coded_width, coded_height), mean};
+    const float *behind = checked(backdrop, scene.size);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    return gsvr::squared_error(parameters.arrays, tau, size, coded, threads, target.data(),
-                               backdrop ? backdrop->data() : nullptr, gradient.arrays);
+    return gsvr::squared_error(scene, tau, threads, target.data(), behind, gradient.arrays);
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
@@ -176,6 +205,7 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
 std::map<std::string, double> constants() {
     return {{"MIN_SCALE", gsvr::kMinScale},    {"DILATION", gsvr::kDilation},
             {"CUTOFF", gsvr::kCutoff},         {"ANTIALIAS", gsvr::kAntialias},
+            {"GROUND", gsvr::kGround},         {"MOST_LOG_OPACITY", gsvr::kMostLogOpacity},
             {"LEVELS", gsvr::kLevels},         {"LEVEL_SCALE", gsvr::kLevelScale},
             {"UPSAMPLING", gsvr::kUpsampling}, {"MIN_VARIANCE", gsvr::kMinVariance}};
 }
@@ -193,20 +223,22 @@ NB_MODULE(_core, m) {
     m.def("resolve_threads", &gsvr::resolve_threads, "requested"_a);
     nb::class_<Parameters>(m, "Parameters")
         .def(nb::init<Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats,
-                      Floats>(),
+                      Floats, Floats>(),
              exact("position"), exact("log_scale"), exact("rotation"), exact("colour"),
-             exact("indicator"), exact("linear"), exact("quadratic"), exact("xy"), exact("xt"),
-             exact("yt"));
-    m.def("render_rgb8", &render<std::uint8_t>, "parameters"_a, "taus"_a, exact("out"),
-          "coded_width"_a, "coded_height"_a, "threads"_a);
+             exact("log_opacity"), exact("indicator"), exact("linear"), exact("quadratic"),
+             exact("xy"), exact("xt"), exact("yt"));
+    m.def("render_rgb8", &render_rgb8, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
+          "coded_height"_a, "mean"_a, "threads"_a);
     m.def("render_planes8", &render_planes8, "parameters"_a, "taus"_a, exact("out"),
-          "coded_width"_a, "coded_height"_a, "threads"_a);
-    m.def("render_float", &render<float>, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
-          "coded_height"_a, "threads"_a);
+          "coded_width"_a, "coded_height"_a, "mean"_a, "threads"_a);
+    m.def("render_float", &render_float, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
+          "coded_height"_a, "mean"_a, "threads"_a);
+    m.def("render_sums", &render_sums, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
+          "coded_height"_a, "mean"_a, "threads"_a);
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
-          "coded_height"_a, "gradient"_a, "threads"_a);
+          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
-          "coded_height"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
+          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
     m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
           exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
 }

@@ -54,17 +54,17 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
         float *out = strip_row(fine, 2 * strip, rows.begin);
         const float *under = strip_row(base, 2 * strip, rows.begin);
         int row = rows.begin / 2;
-        UpsampledRow above[3], here[3], below[3];
+        UpsampledRow above[kSums], here[kSums], below[kSums];
         const auto read = [&](int of, UpsampledRow *w) {
             const float *own = strip_row(coarse, strip, of);
-            for (int c = 0; c < 3; ++c, own += kChannelFloats)
+            for (int c = 0; c < kSums; ++c, own += kChannelFloats)
                 w[c] = upsampled_row(own, own + before, own + after, last);
         };
         read(max(row - 1, 0), above);
         read(row, here);
         for (; 2 * row < rows.end; ++row, out += kEvenRow, under += kEvenRow) {
             read(min(row + 1, coarse_height - 1), below);
-            for (int c = 0; c < 3; ++c) {
+            for (int c = 0; c < kSums; ++c) {
                 float *p = out + c * kChannelFloats;
                 const float *b = under + c * kChannelFloats;
                 const v8 left = 0.75f * here[c].left;
@@ -93,17 +93,17 @@ void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, i
         upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows, fine);
 }
 
-// The adjoint of upsampling along x: three channels of one row of a coarse strip, from the row of
+// The adjoint of upsampling along x: the channels of one row of a coarse strip, from the row of
 // the two fine strips it covers.
 struct DownsampledRow {
-    v8 sum[3];
+    v8 sum[kSums];
 };
 
 static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int strip, int row) {
     const int first = 2 * strip, count = strips(width);
     const float *left = strip_row(fine, first, row);
     DownsampledRow n;
-    for (int c = 0; c < 3; ++c, left += kChannelFloats) {
+    for (int c = 0; c < kSums; ++c, left += kChannelFloats) {
         const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
         const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
         // The fine pixels just outside the two strips. At the edge of the picture, upsampling
@@ -140,7 +140,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
         int row = rows.begin / 2;
         DownsampledRow before{}, upper = at(2 * row), lower = at(2 * row + 1);
         float *edge = edges + strip * kRowFloats;
-        for (int c = 0; c < 3; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
+        for (int c = 0; c < kSums; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
         if (rows.begin == 0) before = upper;
         for (; 2 * row < rows.end; ++row) {
             // Below the picture, upsampling repeats the last row: that row takes the missing place.
@@ -148,7 +148,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
             const bool final = 2 * row + 2 >= rows.end;
             const DownsampledRow after = bottom ? lower : at(2 * row + 2);
             float *p = strip_row(coarse, strip, row);
-            for (int c = 0; c < 3; ++c) {
+            for (int c = 0; c < kSums; ++c) {
                 put(p, kChannelFloats, c,
                     0.75f * (upper.sum[c] + lower.sum[c]) + 0.25f * (before.sum[c] + after.sum[c]));
                 if (final) put(edge + count * kRowFloats, kStripWidth, c, 0.25f * lower.sum[c]);
@@ -159,6 +159,7 @@ void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pix
         }
         // The rows below the picture in the last vector.
         for (; row % kVectorRows; ++row)
-            for (int c = 0; c < 3; ++c) put(strip_row(coarse, strip, row), kChannelFloats, c, v8{});
+            for (int c = 0; c < kSums; ++c)
+                put(strip_row(coarse, strip, row), kChannelFloats, c, v8{});
     }
 }

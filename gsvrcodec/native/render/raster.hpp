@@ -19,12 +19,14 @@ static inline bool touches(const BlockRows &block, RowRange band) {
 static inline void add_segment(const Splats &s, const Segments &c, int n, const Pixels &pixels) {
     const int l = c.splat[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
+    const float share = s.colour[3][l];
     float *p = first_pixel(pixels, c, n);
     for_steps(s, c, n, [&](vf e) {
         const vf w = max(e - kCutoff, vf{});
         store(p, load(p) + red * w);
         store(p + kChannelFloats, load(p + kChannelFloats) + green * w);
         store(p + 2 * kChannelFloats, load(p + 2 * kChannelFloats) + blue * w);
+        store(p + 3 * kChannelFloats, load(p + 3 * kChannelFloats) + share * w);
         p += kStepFloats;
     });
 }
@@ -48,17 +50,20 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
                                vf *total) {
     const int l = c.splat[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
-    vf r{}, g{}, b{}, p0{}, p1{}, p2{};
+    const float share = s.colour[3][l];
+    vf r{}, g{}, b{}, a{}, p0{}, p1{}, p2{};
     const float *p = first_pixel(pixels, c, n);
     for_steps(s, c, n, [&](vf e) {
         const vf w = max(e - kCutoff, vf{});
         const vf dr = load(p), dg = load(p + kChannelFloats), db = load(p + 2 * kChannelFloats);
+        const vf da = load(p + 3 * kChannelFloats);
         r += w * dr;
         g += w * dg;
         b += w * db;
+        a += w * da;
         p2 += p1;
         p1 += p0;
-        p0 += where(e > kCutoff, e) * (red * dr + green * dg + blue * db);
+        p0 += where(e > kCutoff, e) * ((red * dr + green * dg) + (blue * db + share * da));
         p += kStepFloats;
     });
     // A vector with m vectors below it is counted m times in p1 and m (m - 1) / 2 times in p2.
@@ -76,12 +81,13 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
     total[6] += y * x;
     total[7] += last * (last * p0 - 2.0f * kVectorRows * p1) +
                 (kVectorRows * kVectorRows) * (2.0f * p2 + p1);
+    total[8] += a;
 }
 
 // Adds the moments of the collected segments. They are sorted by splat first, so that the lanes of
 // each splat are summed once.
 static inline void gather_segments(const Splats &s, const Segments &c, const Pixels &pixels,
-                                   Moments *moments) {
+                                   Moments &moments) {
     int first[kBlock], next[Segments::kCapacity];
     for (int &n : first) n = c.count;
     for (int n = c.count - 1; n >= 0; --n) {
@@ -90,9 +96,10 @@ static inline void gather_segments(const Splats &s, const Segments &c, const Pix
     }
     for (int l = 0; l < kBlock; ++l) {
         if (first[l] == c.count) continue;
-        vf total[8] = {};
+        vf total[9] = {};
         for (int n = first[l]; n < c.count; n = next[n]) add_moments(s, c, n, pixels, total);
-        store8(moments[l].colour, load8(moments[l].colour) + sums(total));
+        store8(moments.of[l], load8(moments.of[l]) + sums(total));
+        moments.weight[l] += sum(total[8]);
     }
 }
 
@@ -104,8 +111,8 @@ void gather_moments(const SplatLayer &layer, RowRange band, Pixels pixels, Momen
         if (!touches(rows, band)) continue;
         const Splats &s = layer.splats[block];
         const int index = band.begin / layer.band_rows - rows.begin / layer.band_rows;
-        Moments *own = moments + static_cast<std::ptrdiff_t>(rows.slot + index) * kBlock;
-        for (int l = 0; l < kBlock; ++l) own[l] = {};
+        Moments &own = moments[rows.slot + index];
+        own = {};
         for_segments(s, layer.index, band, c, [&] { gather_segments(s, c, pixels, own); });
     }
 }
@@ -116,19 +123,21 @@ void backward(const GopArrays &gop, const Frame &frame, const SplatLayer (&layer
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         const Splats &s = layers[0].splats[block];
-        Moments total[kBlock] = {};
+        Moments total = {};
         for (const SplatLayer &layer : layers) {
             const BlockRows &rows = layer.rows[block];
-            const Moments *part = moments + static_cast<std::ptrdiff_t>(rows.slot) * kBlock;
-            for (int slot = 0; slot < block_bands(rows, layer.band_rows); ++slot, part += kBlock)
-                for (int l = 0; l < kBlock; ++l)
-                    store8(total[l].colour, load8(total[l].colour) + load8(part[l].colour));
+            const Moments *part = moments + rows.slot;
+            for (int slot = 0; slot < block_bands(rows, layer.band_rows); ++slot, ++part)
+                for (int l = 0; l < kBlock; ++l) {
+                    store8(total.of[l], load8(total.of[l]) + load8(part->of[l]));
+                    total.weight[l] += part->weight[l];
+                }
         }
         for (int l = 0; l < kBlock; l += kLanes) {
             const int i = block * kBlock + l, count = min(gop.n - i, kLanes);
             if (count <= 0) break;
             const vi drawn = load(s.row_begin + l) < load(s.row_end + l);
-            deform_backward(gop, frame, total + l, drawn, i, count, gradient, xy, xt_line, yt_line);
+            deform_backward(gop, frame, total, l, drawn, i, count, gradient, xy, xt_line, yt_line);
         }
     }
 }

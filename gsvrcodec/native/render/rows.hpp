@@ -2,7 +2,7 @@
 // kernels.cpp.
 
 // Calls body(row, x, samples, red) for each row of each strip: `samples` pixels from column x on,
-// with their red at `red`, green at red + kChannelFloats and blue at red + 2 * kChannelFloats.
+// with their red at `red`, green at red + kChannelFloats, then blue and the weight.
 // `row` counts from rows.begin.
 template <class Body>
 static inline void for_strip_rows(const Pixels &pixels, const Frame &frame, RowRange rows,
@@ -58,10 +58,18 @@ static inline i8 to_codes(v8 value) {
     return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
 }
 
+// The factor that turns the sums of eight pixels into their colours.
+static inline v8 sums_to_colours(const Frame &frame, const float *red) {
+    const v8 one = 1.0f - v8{};
+    return frame.mean ? one / (load8(red + 3 * kChannelFloats) + kGround) : one;
+}
+
 // Converts eight pixels to interleaved samples.
-static inline void store_samples(std::uint8_t *out, const float *red) {
-    store_rgb(out, to_codes(load8(red)) | to_codes(load8(red + kChannelFloats)) << 8 |
-                       to_codes(load8(red + 2 * kChannelFloats)) << 16);
+static inline void store_samples(std::uint8_t *out, const Frame &frame, const float *red) {
+    const v8 factor = sums_to_colours(frame, red);
+    store_rgb(out, to_codes(load8(red) * factor) |
+                       to_codes(load8(red + kChannelFloats) * factor) << 8 |
+                       to_codes(load8(red + 2 * kChannelFloats) * factor) << 16);
 }
 
 void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out) {
@@ -77,12 +85,12 @@ void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out
             if (row_count == kVectorRows && samples == 3 * kStripWidth) {
                 // The usual case, as a loop of constant length, which the compiler unrolls.
                 for (int k = 0; k < kVectorRows; ++k)
-                    store_samples(p + k * line, red + k * kStripWidth);
+                    store_samples(p + k * line, frame, red + k * kStripWidth);
                 continue;
             }
             for (int k = 0; k < row_count; ++k) {
                 std::uint8_t bytes[3 * kStripWidth];
-                store_samples(bytes, red + k * kStripWidth);
+                store_samples(bytes, frame, red + k * kStripWidth);
                 for (int i = 0; i < samples; ++i) p[k * line + i] = bytes[i];
             }
         }
@@ -90,9 +98,9 @@ void to_rgb8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *out
 }
 
 // Converts eight pixels of one channel to samples.
-static inline void store_plane(std::uint8_t *out, const float *channel) {
+static inline void store_plane(std::uint8_t *out, v8 channel) {
     typedef std::uint8_t b8 __attribute__((vector_size(8)));
-    const b8 codes = __builtin_convertvector(to_codes(load8(channel)), b8);
+    const b8 codes = __builtin_convertvector(to_codes(channel), b8);
     __builtin_memcpy(out, &codes, sizeof codes);
 }
 
@@ -100,13 +108,15 @@ void to_planes8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *
     const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(frame.width) * frame.height;
     for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         std::uint8_t *p = out + static_cast<std::ptrdiff_t>(row) * frame.width + x;
-        for (int c = 0; c < 3; ++c, p += plane, red += kChannelFloats) {
+        const v8 factor = sums_to_colours(frame, red);
+        for (int c = 0; c < 3; ++c, p += plane) {
+            const v8 value = load8(red + c * kChannelFloats) * factor;
             if (samples == kStripWidth) {
-                store_plane(p, red);
+                store_plane(p, value);
                 continue;
             }
             std::uint8_t bytes[kStripWidth];
-            store_plane(bytes, red);
+            store_plane(bytes, value);
             for (int i = 0; i < samples; ++i) p[i] = bytes[i];
         }
     });
@@ -115,20 +125,66 @@ void to_planes8(Pixels pixels, const Frame &frame, RowRange rows, std::uint8_t *
 void to_float(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
     for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
         float *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+        const v8 factor = sums_to_colours(frame, red);
         for (int i = 0; i < samples; ++i)
-            for (int c = 0; c < 3; ++c) p[3 * i + c] = red[c * kChannelFloats + i];
+            for (int c = 0; c < 3; ++c) p[3 * i + c] = red[c * kChannelFloats + i] * factor[i];
     });
 }
 
-void from_float(const float *in, const Frame &frame, RowRange rows, Pixels pixels) {
+void to_sums(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
+    for_strip_rows(pixels, frame, rows, [&](int row, int x, int samples, const float *red) {
+        float *p = out + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * kSums;
+        for (int i = 0; i < samples; ++i)
+            for (int c = 0; c < kSums; ++c) p[kSums * i + c] = red[c * kChannelFloats + i];
+    });
+}
+
+// Adds the backdrop, four interleaved sums a pixel, to eight pixels.
+static inline void add_backdrop(const float *backdrop, int samples, float *red) {
+    float padded[kSums * kStripWidth] = {};
+    if (samples < kStripWidth) {
+        for (int i = 0; i < kSums * samples; ++i) padded[i] = backdrop[i];
+        backdrop = padded;
+    }
+    const v8 a = load8(backdrop), b = load8(backdrop + 8), c = load8(backdrop + 16),
+             d = load8(backdrop + 24);
+    const v8 ab = __builtin_shufflevector(a, b, 0, 4, 8, 12, 1, 5, 9, 13);
+    const v8 cd = __builtin_shufflevector(c, d, 0, 4, 8, 12, 1, 5, 9, 13);
+    const v8 ef = __builtin_shufflevector(a, b, 2, 6, 10, 14, 3, 7, 11, 15);
+    const v8 gh = __builtin_shufflevector(c, d, 2, 6, 10, 14, 3, 7, 11, 15);
+    const v8 sums[kSums] = {low_halves(ab, cd), high_halves(ab, cd), low_halves(ef, gh),
+                            high_halves(ef, gh)};
+    for (int k = 0; k < kSums; ++k, red += kChannelFloats) store8(red, load8(red) + sums[k]);
+}
+
+// Replaces the sums of eight pixels by the gradient of sum(weights * colours), where `weights` are
+// of red, green and blue, and `colours` and `factor` those of the pixels.
+static inline void store_gradient(const Frame &frame, const v8 *weights, const v8 *colours,
+                                  v8 factor, float *red) {
+    v8 of_weight{};
+    for (int c = 0; c < 3; ++c) {
+        const v8 gradient = weights[c] * factor;
+        store8(red + c * kChannelFloats, gradient);
+        of_weight -= gradient * colours[c];
+    }
+    store8(red + 3 * kChannelFloats, frame.mean ? of_weight : v8{});
+}
+
+void from_float(const float *weights, const float *backdrop, const Frame &frame, RowRange rows,
+                Pixels pixels) {
     const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
     for_strip_rows(
         pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-            const float *p = in + (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
+            const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(row) * frame.width + x;
             if (row >= rows.end - rows.begin) samples = 0;
-            for (int i = 0; i < kStripWidth; ++i)
-                for (int c = 0; c < 3; ++c)
-                    red[c * kChannelFloats + i] = i < samples ? p[3 * i + c] : 0.0f;
+            if (backdrop) add_backdrop(backdrop + first * kSums, samples, red);
+            const v8 factor = sums_to_colours(frame, red);
+            v8 wanted[3] = {}, colours[3];
+            for (int c = 0; c < 3; ++c) {
+                colours[c] = load8(red + c * kChannelFloats) * factor;
+                for (int i = 0; i < samples; ++i) wanted[c][i] = weights[3 * (first + i) + c];
+            }
+            store_gradient(frame, wanted, colours, factor, red);
         });
 }
 
@@ -139,8 +195,8 @@ double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uin
     v8 squares{};
     for_strip_rows(
         pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-            const std::ptrdiff_t first = (static_cast<std::ptrdiff_t>(row) * frame.width + x) * 3;
-            const std::uint8_t *p = target + first;
+            const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(row) * frame.width + x;
+            const std::uint8_t *p = target + 3 * first;
             if (row >= rows.end - rows.begin) samples = 0;
             i8 wanted{}, inside{};
             if (samples == kStripWidth) {
@@ -153,16 +209,18 @@ double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uin
                 for (int i = 0; i < samples; ++i) inside[i] = -1;
                 wanted = load_rgb(bytes);
             }
-            for (int c = 0; c < 3; ++c, red += kChannelFloats) {
+            if (backdrop) add_backdrop(backdrop + first * kSums, samples, red);
+            const v8 factor = sums_to_colours(frame, red);
+            v8 weights[3], colours[3];
+            for (int c = 0; c < 3; ++c) {
                 const v8 sample =
                     __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
-                v8 value = load8(red);
-                if (backdrop)
-                    for (int i = 0; i < samples; ++i) value[i] += backdrop[first + 3 * i + c];
-                const v8 difference = (v8)((i8)(clamped(value) - sample) & inside);
-                store8(red, difference * scale);
+                colours[c] = load8(red + c * kChannelFloats) * factor;
+                const v8 difference = (v8)((i8)(clamped(colours[c]) - sample) & inside);
+                weights[c] = difference * scale;
                 squares += difference * difference;
             }
+            store_gradient(frame, weights, colours, factor, red);
             // Single precision is exact enough for the sum of one row.
             if (x + kStripWidth >= frame.width) {
                 total += static_cast<double>(sum8(squares));

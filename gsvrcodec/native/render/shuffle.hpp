@@ -212,3 +212,9 @@ static inline v8 sums(const vf *v) {
 static inline float sum8(v8 v) {
     return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7]));
 }
+
+static inline float sum(vf v) {
+    float total = 0.0f;
+    for (int i = 0; i < kLanes; i += 4) total += (v[i] + v[i + 1]) + (v[i + 2] + v[i + 3]);
+    return total;
+}

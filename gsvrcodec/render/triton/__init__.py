@@ -17,6 +17,7 @@ from torch import Tensor
 
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend, Samples, Size
 from gsvrcodec.render.triton.adam import NUMBERS, adam_update
 from gsvrcodec.render.triton.launch import Parameters, Pass, on_device, scratch_bytes
@@ -67,6 +68,7 @@ def render(
     size: Size,
     coded_size: Size,
     *,
+    blending: Blending,
     bit_depth: int,
     out: Tensor,
 ) -> None:
@@ -77,6 +79,7 @@ def render(
         taus: (F,) float32 on that device, normalised times in [-1, 1].
         size: width and height to render at, pixels.
         coded_size: width and height of the coded frame, pixels.
+        blending: how pictures are formed.
         bit_depth: bits of a sample, 8 to 16.
         out: (F, height, width, 3) on that device, contiguous, uint8 for 8 bits and uint16 for
             more: filled.
@@ -85,10 +88,12 @@ def render(
         DeviceError: the memory of the device does not suffice.
     """
     with memory_checked(f"render at {size[0]}x{size[1]}"):
-        together = max(1, _PASS_BYTES // scratch_bytes(size, len(parameters["position"])))
+        gaussians = len(parameters["position"])
+        together = max(1, _PASS_BYTES // scratch_bytes(size, gaussians, blending))
         for first in range(0, len(taus), together):
             part = slice(first, first + together)
-            Pass(parameters, taus[part], size, coded_size).codes(out[part], 2.0**bit_depth - 1)
+            run = Pass(parameters, taus[part], size, coded_size, blending)
+            run.codes(out[part], 2.0**bit_depth - 1)
 
 
 def empty_codes(shape: tuple[int, ...], bit_depth: int, device: str) -> Tensor:
@@ -103,6 +108,7 @@ def squared_error(
     taus: Tensor,
     targets: Tensor,
     coded_size: Size,
+    blending: Blending,
     backdrop: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Mean squared error of clamped frames in [0, 1], and its gradients.
@@ -114,7 +120,9 @@ def squared_error(
         taus: (F,) float32 on the same device.
         targets: (F, H, W, 3) uint8 on the same device; the frames are rendered at this size.
         coded_size: width and height that scales are relative to.
-        backdrop: (H, W, 3) float32 on the same device, added to each frame; None = black.
+        blending: how pictures are formed.
+        backdrop: (H, W, 4) float32 on the same device, added to the sums of each frame; None =
+            nothing.
 
     Returns:
         A scalar on the device, and the gradient of each parameter.
@@ -124,16 +132,17 @@ def squared_error(
     """
     size = targets.shape[2], targets.shape[1]
     with memory_checked(f"fit {len(parameters['position'])} Gaussians to {size[0]}x{size[1]}"):
-        run = Pass(parameters, taus, size, coded_size)
+        run = Pass(parameters, taus, size, coded_size, blending)
         return run.residual(targets, backdrop), run.gradients()
 
 
 class TritonBackend(Backend):
     """Renders on one GPU, or in Triton's interpreter."""
 
-    def __init__(self, device: str) -> None:
+    def __init__(self, device: str, blending: Blending = "mean") -> None:
         """Render on "cuda:N"; on "cpu" if Triton interprets."""
         self.device = device
+        self.blending = blending
         self._place = torch.device(device)
 
     def prepare(self, gop: Gop) -> dict[str, Tensor]:
@@ -160,7 +169,15 @@ class TritonBackend(Backend):
         if out is not None and tuple(out.shape) != shape:
             raise ValueError(f"out must be of shape {shape}, not {tuple(out.shape)}")
         times = self._times(taus)
-        render(prepared, times, size, coded_size, bit_depth=bit_depth, out=frames)
+        render(
+            prepared,
+            times,
+            size,
+            coded_size,
+            blending=self.blending,
+            bit_depth=bit_depth,
+            out=frames,
+        )
         if in_place:
             return out
         if out is None:
@@ -173,16 +190,33 @@ class TritonBackend(Backend):
     ) -> Float32Array:
         """Render one frame, (H, W, 3), neither clamped nor rounded."""
         with memory_checked(f"render at {size[0]}x{size[1]}"):
-            floats = Pass(prepared, self._times([tau]), size, coded_size).floats()
+            floats = self._pass(prepared, tau, size, coded_size).floats()
         picture: Float32Array = floats[0].numpy(force=True)
         return picture
 
-    def gradient(self, gop: Gop, tau: float, weights: Float32Array, coded_size: Size) -> Gop:
+    def sums(self, prepared: Parameters, tau: float, size: Size, coded_size: Size) -> Float32Array:
+        """Return the sums that a frame is made of, (H, W, 4)."""
+        with memory_checked(f"render at {size[0]}x{size[1]}"):
+            four = self._pass(prepared, tau, size, coded_size).sums()
+        sums: Float32Array = four[0].numpy(force=True)
+        return sums
+
+    def _pass(self, parameters: Parameters, tau: float, size: Size, coded_size: Size) -> Pass:
+        return Pass(parameters, self._times([tau]), size, coded_size, self.blending)
+
+    def gradient(
+        self,
+        gop: Gop,
+        tau: float,
+        weights: Float32Array,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> Gop:
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         size = weights.shape[1], weights.shape[0]
         with memory_checked(f"differentiate {len(gop)} Gaussians at {size[0]}x{size[1]}"):
-            run = Pass(_copied(gop, self._place), self._times([tau]), size, coded_size)
-            run.set_gradient(self.upload(weights[None]))
+            run = self._pass(_copied(gop, self._place), tau, size, coded_size)
+            run.set_gradient(self.upload(weights[None]), backdrop)
             found = run.gradients()
         return Gop(**{name: found[name].numpy(force=True) for name in Gop.__slots__})
 
@@ -196,7 +230,8 @@ class TritonBackend(Backend):
     ) -> tuple[Tensor, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame and its gradients."""
         times = torch.full((1,), tau, device=self._place)
-        loss, named = squared_error(parameters, times, target[None], coded_size, backdrop)
+        how = coded_size, self.blending, backdrop
+        loss, named = squared_error(parameters, times, target[None], *how)
         return loss, [named[name] for name in parameters]
 
     def adam_step(

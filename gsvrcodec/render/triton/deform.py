@@ -7,11 +7,12 @@ from gsvrcodec.render.triton.geometry import (
     BLOCK,
     CHANNELS,
     DILATION,
+    ELLIPSE,
     LEVELS,
     LOG2E,
     MIN_SCALE,
     MIN_VARIANCE,
-    SPLAT,
+    MOST_LOG_OPACITY,
     SUPPORT,
     UPSAMPLING,
 )
@@ -139,6 +140,7 @@ def project(
     log_scale_ptr,
     rotation_ptr,
     colour_ptr,
+    log_opacity_ptr,
     indicator_ptr,
     linear_ptr,
     quadratic_ptr,
@@ -165,8 +167,10 @@ def project(
     z2,
     blur,
     PLANES: tl.constexpr,
+    SUMS: tl.constexpr,
 ):
     """Splats of one block of Gaussians in one frame."""
+    SPLAT: tl.constexpr = ELLIPSE + SUMS
     block, blocks = tl.program_id(0), tl.num_programs(0)
     frame = tl.program_id(1).to(tl.int64)
     lane = tl.arange(0, BLOCK)
@@ -186,6 +190,8 @@ def project(
     red = tl.load(colour_ptr + 3 * i, mask=mask, other=0.0)
     green = tl.load(colour_ptr + 3 * i + 1, mask=mask, other=0.0)
     blue = tl.load(colour_ptr + 3 * i + 2, mask=mask, other=0.0)
+    if SUMS == 4:
+        log_opacity = tl.load(log_opacity_ptr + i, mask=mask, other=0.0)
 
     offset_x = tl.zeros_like(x)
     offset_y = tl.zeros_like(x)
@@ -199,14 +205,19 @@ def project(
         offset0 = channel_of(offsets, 2)
         offset1 = channel_of(offsets, 3)
         theta += channel_of(offsets, 4)
-        red += channel_of(offsets, 5)
-        green += channel_of(offsets, 6)
-        blue += channel_of(offsets, 7)
+        if SUMS == 4:
+            log_opacity += channel_of(offsets, 5)
+        else:
+            red += channel_of(offsets, 5)
+            green += channel_of(offsets, 6)
+            blue += channel_of(offsets, 7)
 
     level, _, _, s0, s1, v0, v1, _, _, _, _ = shape(
         ls0, ls1, offset0, offset1, level_1, level_2, level_3, level_4, z2, blur
     )
-    amplitude = amplitude_of(s0, s1, v0, v1)
+    share = amplitude_of(s0, s1, v0, v1)
+    if SUMS == 4:
+        share *= tl.exp(tl.minimum(tl.maximum(log_opacity, -MOST_LOG_OPACITY), MOST_LOG_OPACITY))
     shrink = tl.exp2(-level.to(tl.float32))
     level_x, level_y = zoom_x * shrink, zoom_y * shrink
     level_width, level_height = width * shrink, height * shrink
@@ -224,7 +235,7 @@ def project(
     down = 0.5 * xx / (v0 * v1 * (level_x * level_x) * (level_y * level_y)) * LOG2E
     reach_x = tl.sqrt(2.0 * xx * SUPPORT)
     reach_y = tl.sqrt(2.0 * yy * SUPPORT)
-    red, green, blue = red * amplitude, green * amplitude, blue * amplitude
+    red, green, blue = red * share, green * share, blue * share
 
     # Written so that NaN and infinity anywhere make an empty splat.
     drawn = mask & finite(ls0) & finite(ls1) & finite(offset0) & finite(offset1)
@@ -232,6 +243,8 @@ def project(
     drawn = drawn & (tl.abs(cx) < _FAR) & (tl.abs(cy) < _FAR)
     drawn = drawn & (across < _FAR * _FAR) & (down < _FAR * _FAR)
     drawn = drawn & finite(red) & finite(green) & finite(blue)
+    if SUMS == 4:
+        drawn = drawn & finite(log_opacity)
     left, right, top, bottom = cx - reach_x, cx + reach_x, cy - reach_y, cy + reach_y
     drawn = drawn & (right >= 0.0) & (bottom >= 0.0)
     drawn = drawn & (left <= level_width + 1.0) & (top <= level_height + 1.0)
@@ -245,6 +258,8 @@ def project(
     tl.store(splat + 5, red, mask=mask)
     tl.store(splat + 6, green, mask=mask)
     tl.store(splat + 7, blue, mask=mask)
+    if SUMS == 4:
+        tl.store(splat + 8, share, mask=mask)
     tl.store(level_ptr + frame * n + i, tl.where(drawn, level, -1), mask=mask)
 
     infinity = float("inf")

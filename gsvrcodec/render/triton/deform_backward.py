@@ -4,7 +4,13 @@ import triton
 import triton.language as tl
 
 from gsvrcodec.render.triton.deform import amplitude_of, channel_of, factors, shape
-from gsvrcodec.render.triton.geometry import BLOCK, CHANNELS, DILATION, SPLAT
+from gsvrcodec.render.triton.geometry import (
+    BLOCK,
+    CHANNELS,
+    DILATION,
+    ELLIPSE,
+    MOST_LOG_OPACITY,
+)
 
 
 @triton.jit
@@ -12,6 +18,7 @@ def deform_backward(
     position_ptr,
     log_scale_ptr,
     rotation_ptr,
+    log_opacity_ptr,
     indicator_ptr,
     xy_ptr,
     xt_ptr,
@@ -19,11 +26,12 @@ def deform_backward(
     tau_ptr,
     splat_ptr,
     level_ptr,
-    moment_ptr,  # (F, N, 8): see raster.gather
+    moment_ptr,  # (F, N, SUMS + 5): see raster.gather
     position_gradient_ptr,
     log_scale_gradient_ptr,
     rotation_gradient_ptr,
     colour_gradient_ptr,
+    log_opacity_gradient_ptr,
     indicator_gradient_ptr,
     linear_gradient_ptr,
     quadratic_gradient_ptr,
@@ -44,8 +52,10 @@ def deform_backward(
     z2,
     blur,
     PLANES: tl.constexpr,
+    SUMS: tl.constexpr,
 ):
     """Gradients of one block of Gaussians, summed over all frames."""
+    SPLAT: tl.constexpr = ELLIPSE + SUMS
     lane = tl.arange(0, BLOCK)
     i = tl.program_id(0) * BLOCK + lane
     mask = i < n
@@ -56,16 +66,18 @@ def deform_backward(
     ls1 = tl.load(log_scale_ptr + 2 * i + 1, mask=mask, other=0.0)
     rotation = tl.load(rotation_ptr + i, mask=mask, other=0.0)
     gate = 1.0 - tl.load(indicator_ptr + i, mask=mask, other=0.0)
+    if SUMS == 4:
+        log_opacity = tl.load(log_opacity_ptr + i, mask=mask, other=0.0)
 
     zero = tl.zeros_like(x)
     g_x, g_y, g_ls0, g_ls1, g_rotation, g_indicator = zero, zero, zero, zero, zero, zero
-    g_red, g_green, g_blue = zero, zero, zero
+    g_red, g_green, g_blue, g_log_opacity = zero, zero, zero, zero
     g_linear_x, g_linear_y, g_quadratic_x, g_quadratic_y = zero, zero, zero, zero
     for frame in range(frames):
         row = tl.cast(frame, tl.int64) * n + i
         tau = tl.load(tau_ptr + frame)
         drawn = mask & (tl.load(level_ptr + row, mask=mask, other=-1) >= 0)
-        offset0, offset1, theta = zero, zero, rotation
+        offset0, offset1, offset_opacity, theta = zero, zero, zero, rotation
         if PLANES:
             xy, xt, yt, xy_x, xy_y, xt_x, yt_y = factors(
                 xy_ptr, xt_ptr, yt_ptr, gx, gy, gt, x, y, tau, drawn
@@ -74,10 +86,11 @@ def deform_backward(
             offset0 = channel_of(offsets, 2)
             offset1 = channel_of(offsets, 3)
             theta = rotation + channel_of(offsets, 4)
+            if SUMS == 4:
+                offset_opacity = channel_of(offsets, 5)
         level, base0, base1, s0, s1, v0, v1, s0_moves, s1_moves, v0_moves, v1_moves = shape(
             ls0, ls1, offset0, offset1, level_1, level_2, level_3, level_4, z2, blur
         )
-        amplitude = amplitude_of(s0, s1, v0, v1)
         cosine, sine = tl.cos(2.0 * theta), tl.sin(2.0 * theta)
 
         # Moments, from pixels of the level to those of the coded frame.
@@ -87,11 +100,11 @@ def deform_backward(
         red = tl.load(moment, mask=drawn, other=0.0)
         green = tl.load(moment + 1, mask=drawn, other=0.0)
         blue = tl.load(moment + 2, mask=drawn, other=0.0)
-        m_x = tl.load(moment + 3, mask=drawn, other=0.0) * to_x
-        m_y = tl.load(moment + 4, mask=drawn, other=0.0) * to_y
-        m_xx = tl.load(moment + 5, mask=drawn, other=0.0) * (to_x * to_x)
-        m_xy = tl.load(moment + 6, mask=drawn, other=0.0) * (to_x * to_y)
-        m_yy = tl.load(moment + 7, mask=drawn, other=0.0) * (to_y * to_y)
+        m_x = tl.load(moment + SUMS, mask=drawn, other=0.0) * to_x
+        m_y = tl.load(moment + SUMS + 1, mask=drawn, other=0.0) * to_y
+        m_xx = tl.load(moment + SUMS + 2, mask=drawn, other=0.0) * (to_x * to_x)
+        m_xy = tl.load(moment + SUMS + 3, mask=drawn, other=0.0) * (to_x * to_y)
+        m_yy = tl.load(moment + SUMS + 4, mask=drawn, other=0.0) * (to_y * to_y)
 
         # Centre.
         mean, spread = 0.5 * (v0 + v1), 0.5 * (v0 - v1)
@@ -115,11 +128,19 @@ def deform_backward(
         aslant = m_xy * cosine - half * sine
         g_theta = tl.where(drawn, 2.0 * spread * aslant * inverse, 0.0)
         g_rotation += g_theta
-        # The amplitude's share: d ln(amplitude) / ds.
+        # The gradient by the logarithm of the amplitude, and of the opacity.
         splat = splat_ptr + row * SPLAT
         gain = tl.load(splat + 5, mask=drawn, other=0.0) * red
         gain += tl.load(splat + 6, mask=drawn, other=0.0) * green
         gain += tl.load(splat + 7, mask=drawn, other=0.0) * blue
+        if SUMS == 4:
+            share = tl.load(splat + 8, mask=drawn, other=0.0)
+            gain += share * tl.load(moment + 3, mask=drawn, other=0.0)
+            free = drawn & (tl.abs(log_opacity + offset_opacity) <= MOST_LOG_OPACITY)
+            g_opacity = tl.where(free, gain, 0.0)
+            g_log_opacity += g_opacity
+        else:
+            share = amplitude_of(s0, s1, v0, v1)
         middle = 0.5 * (m_xx + m_yy)
         v_rate0 = tl.where(v0_moves, (middle + along) / (v0 * v0) - gain / v0, 0.0)
         v_rate1 = tl.where(v1_moves, (middle - along) / (v1 * v1) - gain / v1, 0.0)
@@ -129,9 +150,9 @@ def deform_backward(
         g_s1 = tl.where(drawn & s1_moves, g_s1, 0.0)
         g_ls0 += tl.where(drawn, g_s0 * base0, 0.0)
         g_ls1 += tl.where(drawn, g_s1 * base1, 0.0)
-        red = tl.where(drawn, red * amplitude, 0.0)
-        green = tl.where(drawn, green * amplitude, 0.0)
-        blue = tl.where(drawn, blue * amplitude, 0.0)
+        red = tl.where(drawn, red * share, 0.0)
+        green = tl.where(drawn, green * share, 0.0)
+        blue = tl.where(drawn, blue * share, 0.0)
         g_red += red
         g_green += green
         g_blue += blue
@@ -142,9 +163,12 @@ def deform_backward(
             g = tl.where(channel == 2, g_s0[:, None], g)
             g = tl.where(channel == 3, g_s1[:, None], g)
             g = tl.where(channel == 4, g_theta[:, None], g)
-            g = tl.where(channel == 5, red[:, None], g)
-            g = tl.where(channel == 6, green[:, None], g)
-            g = tl.where(channel == 7, blue[:, None], g)
+            if SUMS == 4:
+                g = tl.where(channel == 5, g_opacity[:, None], g)
+            else:
+                g = tl.where(channel == 5, red[:, None], g)
+                g = tl.where(channel == 6, green[:, None], g)
+                g = tl.where(channel == 7, blue[:, None], g)
             g = tl.where(drawn[:, None], g, 0.0)
             g_indicator -= tl.where(drawn, tl.sum(g * (xy * xt * yt), 1), 0.0)
             g *= tl.where(drawn, gate, 0.0)[:, None]
@@ -171,3 +195,5 @@ def deform_backward(
     tl.store(colour_gradient_ptr + 3 * i, g_red, mask=mask)
     tl.store(colour_gradient_ptr + 3 * i + 1, g_green, mask=mask)
     tl.store(colour_gradient_ptr + 3 * i + 2, g_blue, mask=mask)
+    if SUMS == 4:
+        tl.store(log_opacity_gradient_ptr + i, g_log_opacity, mask=mask)

@@ -1,4 +1,8 @@
-"""Shared by the kernels: constants of spec section "Reconstruction", ellipses, compaction."""
+"""Shared by the kernels: constants of spec section "Reconstruction", ellipses, compaction.
+
+SUMS, a compile-time value of most kernels, is how many sums a pixel has: 3 of a picture that is the
+sum of its Gaussians; 4 of a mean, the last of which is that of the weights.
+"""
 
 import math
 
@@ -9,14 +13,17 @@ from gsvrcodec.model import reconstruction
 
 #: Gaussians that are deformed together and have common bounds.
 BLOCK = tl.constexpr(64)
-#: Floats of a splat: centre x, y, slope, across, down, red, green, blue.
-SPLAT = tl.constexpr(8)
+#: Floats of a splat's ellipse: centre x, y, slope, across, down. Its factors of the weight follow:
+#: red, green, blue and, of a mean, that of the sum of weights.
+ELLIPSE = tl.constexpr(5)
 
 CHANNELS = tl.constexpr(8)  # of the tri-plane
 LEVELS = tl.constexpr(reconstruction.LEVELS)
 MIN_SCALE = tl.constexpr(reconstruction.MIN_SCALE)
 DILATION = tl.constexpr(reconstruction.DILATION)
 CUTOFF = tl.constexpr(reconstruction.CUTOFF)
+GROUND = tl.constexpr(reconstruction.GROUND)
+MOST_LOG_OPACITY = tl.constexpr(reconstruction.MOST_LOG_OPACITY)
 UPSAMPLING = tl.constexpr(reconstruction.UPSAMPLING)
 MIN_VARIANCE = tl.constexpr(reconstruction.MIN_VARIANCE)
 LOG2E = tl.constexpr(1.4426950408889634)
@@ -51,12 +58,12 @@ def span(first, last, slope, across, down):
 
 
 @triton.jit
-def level_size(level, width, height):
+def level_size(level, width, height, SUMS: tl.constexpr):
     """Width and height of a level of the pyramid, and the floats of those before it in a frame."""
     before = tl.zeros([], tl.int64)
     for n in tl.static_range(LEVELS - 1):
         coarser = level > n
-        before += tl.where(coarser, 3 * tl.cast(width, tl.int64) * height, 0)
+        before += tl.where(coarser, SUMS * tl.cast(width, tl.int64) * height, 0)
         width = tl.where(coarser, (width + 1) // 2, width)
         height = tl.where(coarser, (height + 1) // 2, height)
     return width, height, before

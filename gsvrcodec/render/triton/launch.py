@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,13 +14,23 @@ from torch import Tensor
 
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Gop
 from gsvrcodec.model.pyramid import level_size, zoom
-from gsvrcodec.model.reconstruction import ANTIALIAS, DILATION, LEVEL_SCALE, LEVELS
+from gsvrcodec.model.reconstruction import ANTIALIAS, DILATION, LEVEL_SCALE, LEVELS, Blending
 from gsvrcodec.render.backend import Size
 from gsvrcodec.render.triton.deform import project
 from gsvrcodec.render.triton.deform_backward import deform_backward
-from gsvrcodec.render.triton.geometry import BLOCK, END, SPLAT
+from gsvrcodec.render.triton.geometry import BLOCK, ELLIPSE, END
 from gsvrcodec.render.triton.planes import sum_cells
-from gsvrcodec.render.triton.pyramid import SAMPLES, fold, residual, spread, to_codes, to_floats
+from gsvrcodec.render.triton.pyramid import (
+    PIXELS,
+    SAMPLES,
+    fold,
+    residual,
+    spread,
+    to_codes,
+    to_floats,
+    to_sums,
+    weigh,
+)
 from gsvrcodec.render.triton.raster import gather, rasterise, tiles_of
 
 Parameters = Mapping[str, Tensor]  #: the fields of `Gop`, float32 and contiguous, on one device
@@ -33,7 +44,14 @@ _NAMES = Gop.__slots__
 class Pass:
     """Deforms and rasterises on construction; then gives samples, or a residual and gradients."""
 
-    def __init__(self, parameters: Parameters, taus: Tensor, size: Size, coded_size: Size) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        taus: Tensor,
+        size: Size,
+        coded_size: Size,
+        blending: Blending,
+    ) -> None:
         """Launch the forward kernels.
 
         Args:
@@ -41,7 +59,9 @@ class Pass:
             taus: (F,) float32 on the same device.
             size: width and height to render at.
             coded_size: width and height that scales are relative to.
+            blending: how pictures are formed.
         """
+        self._sums = sums_of(blending)
         self._arrays = [parameters[name] for name in _NAMES]
         self._taus, self._size, self._coded_size = taus, size, coded_size
         self._device = taus.device
@@ -51,7 +71,7 @@ class Pass:
         self._grid = gx, gy, len(parameters["xt"])
         self._planes = bool(gx and gy)
         self._levels = [level_size(size, level) for level in range(LEVELS)]
-        self._floats = 3 * sum(width * height for width, height in self._levels)
+        self._floats = self._sums * sum(width * height for width, height in self._levels)
         self.frames = len(taus)
         self._picture = self._empty(self.frames, self._floats)
         self._projection = projection(size, coded_size)
@@ -63,7 +83,7 @@ class Pass:
 
     def _forward(self) -> None:
         frames, n, blocks = self.frames, self._n, self._blocks
-        self._splats = self._empty(frames, n, SPLAT.value)
+        self._splats = self._empty(frames, n, ELLIPSE.value + self._sums)
         self._level = self._empty(frames, n, dtype=torch.int32)
         self._places = self._empty(4, blocks)
         bounds = self._empty(frames, LEVELS, 4, blocks)
@@ -80,6 +100,7 @@ class Pass:
                 *self._size,
                 *self._projection,
                 PLANES=self._planes,
+                SUMS=self._sums,
                 num_warps=2,
             )
         tiles = sum(tiles_of(*size) for size in self._levels)
@@ -94,26 +115,44 @@ class Pass:
             self._floats,
             *self._size,
             CHUNK=CHUNK,
+            SUMS=self._sums,
             num_warps=4,
         )
         for level in range(LEVELS - 2, 0, -1):
-            fold[self._sample_grid(level)](self._picture, self._floats, level, *self._size)
+            self._launch_level(fold, level)
 
-    def _sample_grid(self, level: int) -> tuple[int, int]:
+    def _launch_level(self, kernel: Any, level: int) -> None:
         width, height = self._levels[level]
-        return triton.cdiv(3 * width * height, SAMPLES.value), self.frames
+        grid = triton.cdiv(self._sums * width * height, SAMPLES.value), self.frames
+        kernel[grid](self._picture, self._floats, level, *self._size, SUMS=self._sums)
+
+    def _pixel_grid(self) -> tuple[int, int]:
+        width, height = self._size
+        return triton.cdiv(width * height, PIXELS.value), self.frames
 
     def codes(self, out: Tensor, white: float) -> None:
         """Fill `out` (F, H, W, 3), uint8 or uint16, with samples that are `white` where 1."""
         with on_device(self._device):
-            to_codes[self._sample_grid(0)](self._picture, out, self._floats, *self._size, white)
+            to_codes[self._pixel_grid()](
+                self._picture, out, self._floats, *self._size, white, SUMS=self._sums
+            )
 
     def floats(self) -> Tensor:
         """Samples (F, H, W, 3), neither clamped nor rounded."""
+        return self._pixels(to_floats, 3)
+
+    def sums(self) -> Tensor:
+        """Sums of weighted colours, and of weights, (F, H, W, 4); the last is 0 of a sum."""
+        return self._pixels(to_sums, 4)
+
+    def _pixels(self, kernel: Any, channels: int) -> Tensor:
         width, height = self._size
-        out = self._empty(self.frames, height, width, 3)
+        shape = self.frames, height, width, channels
+        out = torch.zeros(shape, dtype=torch.float32, device=self._device)
         with on_device(self._device):
-            to_floats[self._sample_grid(0)](self._picture, out, self._floats, *self._size)
+            kernel[self._pixel_grid()](
+                self._picture, out, self._floats, *self._size, SUMS=self._sums
+            )
         return out
 
     def pixels_drawn(self) -> float:
@@ -127,33 +166,45 @@ class Pass:
 
         Args:
             target: (F, H, W, 3) uint8.
-            backdrop: (H, W, 3) float32, added to each frame; None = black.
+            backdrop: (H, W, 4) float32, added to the sums of each frame; None = nothing.
 
         Returns:
             Mean squared error of the clamped frames in [0, 1], a scalar on the device. The
             gradient passes through the clamp.
         """
         count = target.numel()
-        programs, frames = self._sample_grid(0)
-        sums = self._empty(frames, programs)
+        programs, frames = self._pixel_grid()
+        parts = self._empty(frames, programs)
         with on_device(self._device):
             residual[(programs, frames)](
                 self._picture,
                 target,
-                sums if backdrop is None else backdrop,
-                sums,
+                parts if backdrop is None else backdrop,
+                parts,
                 self._floats,
                 *self._size,
                 2.0 / count,
                 255.0,
+                SUMS=self._sums,
                 BACKDROP=backdrop is not None,
             )
-        return sums.sum() / count
+        return parts.sum() / count
 
-    def set_gradient(self, gradient: Tensor) -> None:
-        """Make `gradient` (F, H, W, 3) that of the frames, for `gradients`."""
-        width, height = self._size
-        self._picture[:, : 3 * width * height] = gradient.permute(0, 3, 1, 2).flatten(1)
+    def set_gradient(self, gradient: Tensor, backdrop: Tensor | None = None) -> None:
+        """Turn the picture into `gradient` (F, H, W, 3), that of the frames, for `gradients`.
+
+        The backdrop (H, W, 4) is added to the sums of each frame.
+        """
+        with on_device(self._device):
+            weigh[self._pixel_grid()](
+                self._picture,
+                gradient,
+                gradient if backdrop is None else backdrop,
+                self._floats,
+                *self._size,
+                SUMS=self._sums,
+                BACKDROP=backdrop is not None,
+            )
 
     def gradients(self) -> dict[str, Tensor]:
         """Gradients of all parameters; after `residual` or `set_gradient`, once."""
@@ -161,12 +212,12 @@ class Pass:
         out = {name: torch.zeros_like(a) for name, a in zip(_NAMES, self._arrays, strict=True)}
         if not blocks:
             return out
-        moments = self._empty(frames, n, SPLAT.value)
+        moments = self._empty(frames, n, self._sums + 5)
         factors = self._empty(frames if self._planes else 0, 3, n, TRIPLANE_CHANNELS)
         named = dict(zip(_NAMES, self._arrays, strict=True))
         with on_device(self._device):
             for level in range(1, LEVELS):
-                spread[self._sample_grid(level)](self._picture, self._floats, level, *self._size)
+                self._launch_level(spread, level)
             gather[(n, frames)](
                 self._splats,
                 self._level,
@@ -175,17 +226,18 @@ class Pass:
                 n,
                 self._floats,
                 *self._size,
+                SUMS=self._sums,
                 num_warps=1,
             )
             deform_backward[(blocks,)](
-                *(named[k] for k in ("position", "log_scale", "rotation", "indicator")),
-                *(named[k] for k in ("xy", "xt", "yt")),
+                *(named[k] for k in ("position", "log_scale", "rotation", "log_opacity")),
+                *(named[k] for k in ("indicator", "xy", "xt", "yt")),
                 self._taus,
                 self._splats,
                 self._level,
                 moments,
-                *(out[k] for k in ("position", "log_scale", "rotation", "colour", "indicator")),
-                *(out[k] for k in ("linear", "quadratic")),
+                *(out[k] for k in ("position", "log_scale", "rotation", "colour")),
+                *(out[k] for k in ("log_opacity", "indicator", "linear", "quadratic")),
                 factors,
                 frames,
                 n,
@@ -193,6 +245,7 @@ class Pass:
                 *self._coded_size,
                 *self._projection,
                 PLANES=self._planes,
+                SUMS=self._sums,
                 num_warps=2,
             )
             if self._planes:
@@ -229,12 +282,18 @@ def on_device(device: torch.device) -> AbstractContextManager[object]:
     return torch.cuda.device(device) if device.type == "cuda" else nullcontext()
 
 
-def scratch_bytes(size: Size, gaussians: int) -> int:
+def sums_of(blending: Blending) -> int:
+    """Sums that are formed of each pixel."""
+    return 4 if blending == "mean" else 3
+
+
+def scratch_bytes(size: Size, gaussians: int, blending: Blending) -> int:
     """Memory that the forward kernels take for each frame, outputs left out."""
+    sums = sums_of(blending)
     levels = [level_size(size, level) for level in range(LEVELS)]
-    samples = 3 * sum(width * height for width, height in levels)
+    samples = sums * sum(width * height for width, height in levels)
     lists = 2 * CHUNK * sum(tiles_of(*level) for level in levels)
-    floats: int = samples + lists + (SPLAT.value + 1) * gaussians
+    floats: int = samples + lists + (ELLIPSE.value + sums + 1) * gaussians
     return 4 * floats
 
 

@@ -1,4 +1,4 @@
-"""Levels of the pyramid added up, to samples or to a residual; and the adjoint of their enlarging.
+"""Levels of the pyramid added up, to samples or to a gradient; and the adjoint of their enlarging.
 
 A level is enlarged bilinearly: pixel x of the finer one lies in pixel x // 2 of the coarser, which
 has weight 3/4, and nearest to its neighbour x // 2 - 1 (even x) or + 1 (odd x), with weight 1/4.
@@ -7,10 +7,12 @@ has weight 3/4, and nearest to its neighbour x // 2 - 1 (even x) or + 1 (odd x),
 import triton
 import triton.language as tl
 
-from gsvrcodec.render.triton.geometry import level_size
+from gsvrcodec.render.triton.geometry import GROUND, level_size
 
-#: Samples that a program works on.
+#: Sums of a level that a program works on.
 SAMPLES = tl.constexpr(1024)
+#: Pixels of the whole frame that a program works on.
+PIXELS = tl.constexpr(512)
 
 
 @triton.jit
@@ -32,14 +34,14 @@ def _enlarged(plane_ptr, x, y, width, height, mask):
 
 
 @triton.jit(do_not_specialize=["level"])
-def fold(picture_ptr, picture, level, width, height):
+def fold(picture_ptr, picture, level, width, height, SUMS: tl.constexpr):
     """Add the next coarser level to `level`, in place."""
     frame = tl.program_id(1).to(tl.int64)
-    own_width, own_height, before = level_size(level, width, height)
-    coarse_width, coarse_height, coarse_before = level_size(level + 1, width, height)
+    own_width, own_height, before = level_size(level, width, height, SUMS)
+    coarse_width, coarse_height, coarse_before = level_size(level + 1, width, height, SUMS)
     plane = own_width * own_height
     i = tl.program_id(0) * SAMPLES + tl.arange(0, SAMPLES)
-    mask = i < 3 * plane
+    mask = i < SUMS * plane
     channel, x, y = i // plane, i % own_width, i % plane // own_width
     picture_ptr += frame * picture
     coarse = picture_ptr + coarse_before + channel * (coarse_width * coarse_height)
@@ -49,82 +51,184 @@ def fold(picture_ptr, picture, level, width, height):
 
 
 @triton.jit
-def _finest(picture_ptr, i, mask, width, height):
-    """Interleaved samples i of the whole frame, and where they lie on level 0."""
-    coarse_width, coarse_height, coarse_before = level_size(1, width, height)
-    channel, x, y = i % 3, i // 3 % width, i // 3 // width
-    at = (channel * height + y) * width + x
-    coarse = picture_ptr + coarse_before + channel * (coarse_width * coarse_height)
-    value = tl.load(picture_ptr + at, mask=mask, other=0.0)
-    return value + _enlarged(coarse, x, y, coarse_width, coarse_height, mask), at
+def _sum(picture_ptr, n: tl.constexpr, i, mask, width, height, SUMS: tl.constexpr):
+    """Sum n (3 is that of the weights) of pixels i of the whole frame."""
+    coarse_width, coarse_height, before = level_size(1, width, height, SUMS)
+    fine = picture_ptr + n * (width * height)
+    coarse = picture_ptr + before + n * (coarse_width * coarse_height)
+    value = tl.load(fine + i, mask=mask, other=0.0)
+    return value + _enlarged(coarse, i % width, i // width, coarse_width, coarse_height, mask)
 
 
 @triton.jit
-def to_codes(picture_ptr, code_ptr, picture, width, height, white):
+def _colours(
+    picture_ptr, backdrop_ptr, i, mask, width, height, SUMS: tl.constexpr, BACKDROP: tl.constexpr
+):
+    """Red, green and blue of pixels i, and the factor that makes them of the sums.
+
+    `backdrop_ptr` (H, W, 4) is added to the sums.
+    """
+    red = _sum(picture_ptr, 0, i, mask, width, height, SUMS)
+    green = _sum(picture_ptr, 1, i, mask, width, height, SUMS)
+    blue = _sum(picture_ptr, 2, i, mask, width, height, SUMS)
+    if BACKDROP:
+        red += tl.load(backdrop_ptr + 4 * i, mask=mask, other=0.0)
+        green += tl.load(backdrop_ptr + 4 * i + 1, mask=mask, other=0.0)
+        blue += tl.load(backdrop_ptr + 4 * i + 2, mask=mask, other=0.0)
+    factor = tl.full(i.shape, 1.0, tl.float32)
+    if SUMS == 4:
+        weight = _sum(picture_ptr, 3, i, mask, width, height, SUMS)
+        if BACKDROP:
+            weight += tl.load(backdrop_ptr + 4 * i + 3, mask=mask, other=0.0)
+        factor = 1.0 / (weight + GROUND)
+    return red * factor, green * factor, blue * factor, factor
+
+
+@triton.jit
+def _clamped(x):
+    return tl.minimum(tl.maximum(x, 0.0), 1.0)
+
+
+@triton.jit
+def to_codes(picture_ptr, code_ptr, picture, width, height, white, SUMS: tl.constexpr):
     """Clamp, scale to [0, white] and round: (F, H, W, 3) integers."""
     frame = tl.program_id(1).to(tl.int64)
-    samples = 3 * width * height
-    i = tl.program_id(0) * SAMPLES + tl.arange(0, SAMPLES)
-    mask = i < samples
-    value, _ = _finest(picture_ptr + frame * picture, i, mask, width, height)
-    value = tl.minimum(tl.maximum(value, 0.0), 1.0) * white + 0.5
-    code = value.to(tl.int32).to(code_ptr.dtype.element_ty)
-    tl.store(code_ptr + frame * samples + i, code, mask=mask)
+    pixels = width * height
+    i = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    mask = i < pixels
+    picture_ptr += frame * picture
+    red, green, blue, _ = _colours(
+        picture_ptr, picture_ptr, i, mask, width, height, SUMS, BACKDROP=False
+    )
+    kind: tl.constexpr = code_ptr.dtype.element_ty
+    out = code_ptr + frame * 3 * pixels + 3 * i
+    tl.store(out, (_clamped(red) * white + 0.5).to(tl.int32).to(kind), mask=mask)
+    tl.store(out + 1, (_clamped(green) * white + 0.5).to(tl.int32).to(kind), mask=mask)
+    tl.store(out + 2, (_clamped(blue) * white + 0.5).to(tl.int32).to(kind), mask=mask)
 
 
 @triton.jit
-def to_floats(picture_ptr, value_ptr, picture, width, height):
+def to_floats(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr):
     """Neither clamped nor rounded: (F, H, W, 3)."""
     frame = tl.program_id(1).to(tl.int64)
-    samples = 3 * width * height
-    i = tl.program_id(0) * SAMPLES + tl.arange(0, SAMPLES)
-    mask = i < samples
-    value, _ = _finest(picture_ptr + frame * picture, i, mask, width, height)
-    tl.store(value_ptr + frame * samples + i, value, mask=mask)
+    pixels = width * height
+    i = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    mask = i < pixels
+    picture_ptr += frame * picture
+    red, green, blue, _ = _colours(
+        picture_ptr, picture_ptr, i, mask, width, height, SUMS, BACKDROP=False
+    )
+    out = value_ptr + frame * 3 * pixels + 3 * i
+    tl.store(out, red, mask=mask)
+    tl.store(out + 1, green, mask=mask)
+    tl.store(out + 2, blue, mask=mask)
+
+
+@triton.jit
+def to_sums(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr):
+    """The sums themselves: the first SUMS of (F, H, W, 4)."""
+    frame = tl.program_id(1).to(tl.int64)
+    pixels = width * height
+    i = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    mask = i < pixels
+    picture_ptr += frame * picture
+    out = value_ptr + frame * 4 * pixels + 4 * i
+    for n in tl.static_range(SUMS):
+        value = _sum(picture_ptr, n, i, mask, width, height, SUMS)
+        tl.store(out + n, value, mask=mask)
+
+
+@triton.jit
+def _store_gradient(
+    picture_ptr, plane, red, green, blue, g_red, g_green, g_blue, factor, mask, SUMS: tl.constexpr
+):
+    """Replace pixels of level 0 by the gradient of their sums, from that of their colours."""
+    g_red, g_green, g_blue = g_red * factor, g_green * factor, g_blue * factor
+    tl.store(picture_ptr, g_red, mask=mask)
+    tl.store(picture_ptr + plane, g_green, mask=mask)
+    tl.store(picture_ptr + 2 * plane, g_blue, mask=mask)
+    if SUMS == 4:
+        g_weight = -(g_red * red + g_green * green + g_blue * blue)
+        tl.store(picture_ptr + 3 * plane, g_weight, mask=mask)
+
+
+@triton.jit
+def weigh(
+    picture_ptr,
+    weight_ptr,  # (F, H, W, 3)
+    backdrop_ptr,  # (H, W, 4)
+    picture,
+    width,
+    height,
+    SUMS: tl.constexpr,
+    BACKDROP: tl.constexpr,
+):
+    """Replace level 0 by the gradient of sum(weights * frame)."""
+    frame = tl.program_id(1).to(tl.int64)
+    pixels = width * height
+    i = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    mask = i < pixels
+    picture_ptr += frame * picture
+    red, green, blue, factor = _colours(
+        picture_ptr, backdrop_ptr, i, mask, width, height, SUMS, BACKDROP
+    )
+    weights = weight_ptr + frame * 3 * pixels + 3 * i
+    g_red = tl.load(weights, mask=mask, other=0.0)
+    g_green = tl.load(weights + 1, mask=mask, other=0.0)
+    g_blue = tl.load(weights + 2, mask=mask, other=0.0)
+    _store_gradient(
+        picture_ptr + i, pixels, red, green, blue, g_red, g_green, g_blue, factor, mask, SUMS
+    )
 
 
 @triton.jit
 def residual(
     picture_ptr,
-    target_ptr,
-    backdrop_ptr,
-    sum_ptr,
+    target_ptr,  # (F, H, W, 3)
+    backdrop_ptr,  # (H, W, 4)
+    sum_ptr,  # (F, programs): gets a part of the sum from each program
     picture,
     width,
     height,
     scale,
     white,
+    SUMS: tl.constexpr,
     BACKDROP: tl.constexpr,
 ):
-    """Replace level 0 by (clamp(frame + backdrop) - target) * scale; sum the squared differences.
+    """Sum the squares of clamp(frame) - target; replace level 0 by their gradient times scale / 2.
 
-    `sum_ptr` (F, programs) gets a part of the sum from each program.
+    That of the clamp counts as 1.
     """
     frame = tl.program_id(1).to(tl.int64)
-    samples = 3 * width * height
-    i = tl.program_id(0) * SAMPLES + tl.arange(0, SAMPLES)
-    mask = i < samples
+    pixels = width * height
+    i = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    mask = i < pixels
     picture_ptr += frame * picture
-    value, at = _finest(picture_ptr, i, mask, width, height)
-    target = tl.load(target_ptr + frame * samples + i, mask=mask, other=0).to(tl.float32) / white
-    if BACKDROP:
-        value += tl.load(backdrop_ptr + i, mask=mask, other=0.0)
-    difference = tl.minimum(tl.maximum(value, 0.0), 1.0) - target
-    tl.store(picture_ptr + at, difference * scale, mask=mask)
-    difference = tl.where(mask, difference, 0.0)
-    total = tl.sum(difference * difference, 0)
+    red, green, blue, factor = _colours(
+        picture_ptr, backdrop_ptr, i, mask, width, height, SUMS, BACKDROP
+    )
+    target = target_ptr + frame * 3 * pixels + 3 * i
+    d_red = _clamped(red) - tl.load(target, mask=mask, other=0).to(tl.float32) / white
+    d_green = _clamped(green) - tl.load(target + 1, mask=mask, other=0).to(tl.float32) / white
+    d_blue = _clamped(blue) - tl.load(target + 2, mask=mask, other=0).to(tl.float32) / white
+    squares = d_red * d_red + d_green * d_green + d_blue * d_blue
+    total = tl.sum(tl.where(mask, squares, 0.0), 0)
     tl.store(sum_ptr + frame * tl.num_programs(0) + tl.program_id(0), total)
+    g_red, g_green, g_blue = d_red * scale, d_green * scale, d_blue * scale
+    _store_gradient(
+        picture_ptr + i, pixels, red, green, blue, g_red, g_green, g_blue, factor, mask, SUMS
+    )
 
 
 @triton.jit(do_not_specialize=["level"])
-def spread(picture_ptr, picture, level, width, height):
+def spread(picture_ptr, picture, level, width, height, SUMS: tl.constexpr):
     """The gradient of `level` from that of the next finer one: the adjoint of enlarging."""
     frame = tl.program_id(1).to(tl.int64)
-    own_width, own_height, before = level_size(level, width, height)
-    fine_width, fine_height, fine_before = level_size(level - 1, width, height)
+    own_width, own_height, before = level_size(level, width, height, SUMS)
+    fine_width, fine_height, fine_before = level_size(level - 1, width, height, SUMS)
     plane = own_width * own_height
     i = tl.program_id(0) * SAMPLES + tl.arange(0, SAMPLES)
-    mask = i < 3 * plane
+    mask = i < SUMS * plane
     channel, x, y = i // plane, i % own_width, i % plane // own_width
     picture_ptr += frame * picture
     fine = picture_ptr + fine_before + channel * (fine_width * fine_height)

@@ -10,9 +10,9 @@ import triton.language as tl
 from gsvrcodec.render.triton.geometry import (
     BLOCK,
     CUTOFF,
+    ELLIPSE,
     END,
     LEVELS,
-    SPLAT,
     compact,
     level_size,
     locate,
@@ -39,7 +39,7 @@ def rasterise(
     splat_ptr,
     level_ptr,
     bounds_ptr,
-    picture_ptr,  # (F, picture): the levels, finest first, each (3, height, width)
+    picture_ptr,  # (F, picture): the levels, finest first, each (SUMS, height, width)
     list_ptr,  # (F, tiles, 2, CHUNK) int32: scratch
     n,
     blocks,
@@ -47,8 +47,10 @@ def rasterise(
     width,
     height,
     CHUNK: tl.constexpr,
+    SUMS: tl.constexpr,
 ):
-    """Sum of the splats of one level in one tile, CHUNK candidates at a time."""
+    """Sums over the splats of one level in one tile, CHUNK candidates at a time."""
+    SPLAT: tl.constexpr = ELLIPSE + SUMS
     tiles = tl.num_programs(0)
     frame = tl.program_id(1).to(tl.int64)
     tile = tiles - 1 - tl.program_id(0)  # the coarsest, which have most to do, start first
@@ -65,7 +67,7 @@ def rasterise(
         tile = tl.where(coarser, tile - own, tile)
         level_width = tl.where(coarser, (level_width + 1) // 2, level_width)
         level_height = tl.where(coarser, (level_height + 1) // 2, level_height)
-    level_width, level_height, before = level_size(level, width, height)
+    level_width, level_height, before = level_size(level, width, height, SUMS)
     columns = (level_width + TILE_WIDTH - 1) // TILE_WIDTH
     first_x, first_y = tile % columns * TILE_WIDTH, tile // columns * TILE_HEIGHT
     # Of pixel centres.
@@ -76,7 +78,7 @@ def rasterise(
     x, y = first_x + pixel % TILE_WIDTH, first_y + pixel // TILE_WIDTH
     centre_x, centre_y = x + 0.5, y + 0.5
     red = tl.zeros([TILE_WIDTH * TILE_HEIGHT], tl.float32)
-    green, blue = red, red
+    green, blue, share = red, red, red
     lane = tl.arange(0, CHUNK)
     bounds_ptr += (frame * LEVELS + level) * 4 * blocks
     for first in range(0, blocks, CHUNK):
@@ -118,6 +120,8 @@ def rasterise(
                 red += tl.load(one + 5) * weight
                 green += tl.load(one + 6) * weight
                 blue += tl.load(one + 7) * weight
+                if SUMS == 4:
+                    share += tl.load(one + 8) * weight
             tl.debug_barrier()
         tl.debug_barrier()
 
@@ -127,6 +131,8 @@ def rasterise(
     tl.store(out, red, mask=inside)
     tl.store(out + plane, green, mask=inside)
     tl.store(out + 2 * plane, blue, mask=inside)
+    if SUMS == 4:
+        tl.store(out + 3 * plane, share, mask=inside)
 
 
 @triton.jit
@@ -134,30 +140,34 @@ def gather(
     splat_ptr,
     level_ptr,
     gradient_ptr,  # (F, picture): of the levels
-    moment_ptr,  # (F, N, 8): written
+    moment_ptr,  # (F, N, SUMS + 5): written
     n,
     picture,
     width,
     height,
+    SUMS: tl.constexpr,
 ):
-    """Sums over the pixels of one splat: of its colour's gradient (3), and of its exponent's times
-    1, moved to the centre's: dx, dy, dx^2, dx dy, dy^2 (px of the level)."""
+    """Sums over the pixels of one splat: of the gradients of its factors of the weight (SUMS), and
+    of its exponent's times dx, dy, dx^2, dx dy, dy^2, from its centre (px of the level)."""
+    SPLAT: tl.constexpr = ELLIPSE + SUMS
     i = tl.program_id(0)
     row = tl.program_id(1).to(tl.int64) * n + i
     level = tl.load(level_ptr + row)
     pixel = tl.arange(0, _PATCH_WIDTH * _PATCH_HEIGHT)
     zero = tl.zeros([_PATCH_WIDTH * _PATCH_HEIGHT], tl.float32)
-    m_red, m_green, m_blue, m_x, m_y, m_xx, m_xy, m_yy = (
-        zero, zero, zero, zero, zero, zero, zero, zero,
+    m_red, m_green, m_blue, m_share, m_x, m_y, m_xx, m_xy, m_yy = (
+        zero, zero, zero, zero, zero, zero, zero, zero, zero,
     )  # fmt: skip
     if level >= 0:
-        level_width, level_height, before = level_size(level, width, height)
+        level_width, level_height, before = level_size(level, width, height, SUMS)
         plane = level_width * level_height
         gradient_ptr += tl.program_id(1).to(tl.int64) * picture + before
         splat = splat_ptr + row * SPLAT
         cx, cy, slope = tl.load(splat), tl.load(splat + 1), tl.load(splat + 2)
         across, down = tl.load(splat + 3), tl.load(splat + 4)
         red, green, blue = tl.load(splat + 5), tl.load(splat + 6), tl.load(splat + 7)
+        if SUMS == 4:
+            share = tl.load(splat + 8)
         # The same ellipse, by rows: its square completed the other way round.
         steep = across + down * slope * slope
         slope_y, across_y = down * slope / steep, down * across / steep
@@ -186,7 +196,12 @@ def gather(
                 m_green += weight * g_green
                 m_blue += weight * g_blue
                 p = tl.where(weight > 0.0, e, 0.0)
-                p *= red * g_red + green * g_green + blue * g_blue
+                if SUMS == 4:
+                    g_share = tl.load(at + 3 * plane, mask=inside, other=0.0)
+                    m_share += weight * g_share
+                    p *= red * g_red + green * g_green + blue * g_blue + share * g_share
+                else:
+                    p *= red * g_red + green * g_green + blue * g_blue
                 px, py = p * dx, p * dy
                 m_x += px
                 m_y += py
@@ -197,8 +212,11 @@ def gather(
     tl.store(moment, tl.sum(m_red, 0))
     tl.store(moment + 1, tl.sum(m_green, 0))
     tl.store(moment + 2, tl.sum(m_blue, 0))
-    tl.store(moment + 3, tl.sum(m_x, 0))
-    tl.store(moment + 4, tl.sum(m_y, 0))
-    tl.store(moment + 5, tl.sum(m_xx, 0))
-    tl.store(moment + 6, tl.sum(m_xy, 0))
-    tl.store(moment + 7, tl.sum(m_yy, 0))
+    if SUMS == 4:
+        tl.store(moment + 3, tl.sum(m_share, 0))
+    moment += SUMS
+    tl.store(moment, tl.sum(m_x, 0))
+    tl.store(moment + 1, tl.sum(m_y, 0))
+    tl.store(moment + 2, tl.sum(m_xx, 0))
+    tl.store(moment + 3, tl.sum(m_xy, 0))
+    tl.store(moment + 4, tl.sum(m_yy, 0))
