@@ -119,10 +119,9 @@ class Field:
         return {name: gradients[name] for name in self.raw}
 
     @property
-    def carried(self) -> Tensor:
-        """1 for Gaussians of the reference, 0 for others, (N, 1); needs an anchor."""
-        assert self._anchored is not None
-        return self._anchored["carried"]
+    def carried(self) -> Tensor | None:
+        """1 for Gaussians of the reference, 0 for others, (N, 1); None = a key GOP."""
+        return None if self._anchored is None else self._anchored["carried"]
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""

@@ -19,11 +19,14 @@ from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.options import FitOptions
+from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
+from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.qat import fake_quantiser
 from gsvrcodec.fit.recipe import MAIN, PAPER
+from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.start import content_aware, random_start
-from gsvrcodec.fit.tuned import EFFORT, STAGED
+from gsvrcodec.fit.tuned import EFFORT, PRICE, STAGED
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS
@@ -115,6 +118,9 @@ def fit_gop(
     effort, tuning = allowance.split(
         tune=options.tune and not paper, least_steps=EFFORT.least_steps, began=began
     )
+    price = None
+    if not paper:
+        price = price_of(field, footage, slope.qscale if slope else PRICE.qscale, rng)
     with single_torch_thread():
         optimise(
             field,
@@ -122,12 +128,20 @@ def fit_gop(
             PAPER if paper else MAIN,
             effort,
             rng,
+            price=price,
             slope=slope,
             quantise=fake_quantiser(PAPER_BITS) if paper and options.tune else None,
             quantise_from=EFFORT.qat_from,
         )
     gop = field.gop()
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)
+
+
+def price_of(field: Field, footage: Footage, qscale: float, rng: np.random.Generator) -> Price:
+    """Return the price of bits for a fit that begins with `field` and is stored at a qscale."""
+    found = sensitivities(footage, field.gop(), rng, field.backend)
+    weight = bit_worth(qscale) / (255.0**2 * footage.pixels)
+    return Price(equal_slope_steps(found, qscale), weight, field.backend.device)
 
 
 def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:

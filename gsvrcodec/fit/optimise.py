@@ -181,6 +181,12 @@ def optimise(
     settled = 0  # so many steps have to be taken before another one
     prunings = iter(recipe.prunings)
     pruning = next(prunings, 1.0)
+
+    def rearranged(order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
+        adam.rearrange(order, moved)
+        if price is not None:
+            price.forget()
+
     while (spent := effort.spent) < 1.0:
         if spent >= relocation:
             relocation = next(relocations, 1.0)
@@ -189,18 +195,15 @@ def optimise(
                 more = 0
                 if slope is not None and spent >= recipe.counted:
                     more = _missing(field, footage, slope, effort.expected_steps)
-                moved = relocate(field, small, footage.taus, size, rng, recipe.moving, more)
-                adam.rearrange(*moved)
-                if price is not None:
-                    price.forget()
+                rearranged(*relocate(field, small, footage.taus, size, rng, recipe.moving, more))
         if slope is not None and spent >= pruning:
             pruning = next(prunings, 1.0)
-            adam.rearrange(_prune(field, footage, slope, rng))
+            rearranged(_prune(field, footage, slope, rng))
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames
             targets, behind = targets_of(field, frames, size)
-            adam.rearrange(reorder(field, size))
+            rearranged(reorder(field, size))
         tensors = field.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)

@@ -81,9 +81,11 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
         name: getattr(sensitivities, name).reshape(len(gop), -1).mean(axis=1, dtype=np.float64)
         for name in REFINED
     }
-    base = {"log_scale": gop.log_scale, "colour": gop.colour}
+    step = np.array(precision["log_opacity"], np.float32)
+    log_opacity = np.rint(gop.log_opacity / step) * step
+    log_scale = gop.log_scale
     for _ in range(STEPS.refinements):
-        for name, own in levels(base["log_scale"], base["colour"]).items():
+        for name, own in levels(log_scale, log_opacity).items():
             counted = moving if name in ("linear", "quadratic") else slice(None)
             if not len(own[counted]):
                 continue
@@ -94,9 +96,9 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
             else:
                 wanted = _short(wanted)
             precision[name] = Refined(tuple(wanted.tolist()), refinement)
-            if name in base:  # levels follow from rounded values
+            if name == "log_scale":  # levels follow from rounded values
                 step = wanted.astype(np.float32)
-                base[name] = np.rint(getattr(gop, name) / step) * step
+                log_scale = np.rint(gop.log_scale / step) * step
     return precision
 
 
@@ -104,6 +106,8 @@ def _best_refinement(
     costs: NDArray[np.float64], own_levels: NDArray[np.int64]
 ) -> tuple[Refinement, float]:
     """The refinement that saves most bits at equal cost, and how much coarser its steps are.
+
+    Steps grow by at most `STEPS.coarsest`.
 
     Args:
         costs: Sensitivity of each value, (N,).
@@ -116,7 +120,7 @@ def _best_refinement(
         left = (costs * 4.0**-bits).mean()
         coarser = math.sqrt(costs.mean() / left) if left > 0 else 1.0
         saved = math.log2(coarser) - bits.mean()
-        if saved > best[0]:
+        if saved > best[0] and coarser <= STEPS.coarsest:
             best = saved, refinement, coarser
     return best[1:]
 

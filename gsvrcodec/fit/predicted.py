@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.effect import effects
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
+from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.motion import Tracker
 from gsvrcodec.fit.optimise import coarse_frames, optimise
 from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
-from gsvrcodec.fit.price import Price
+from gsvrcodec.fit.precision import bit_worth
 from gsvrcodec.fit.recipe import PREDICTED
 from gsvrcodec.fit.relocate import move_weakest
-from gsvrcodec.fit.sensitivity import noise, sensitivities
+from gsvrcodec.fit.sensitivity import noise
 from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
@@ -107,14 +106,7 @@ def fit_predicted(
     effort, tuning = allowance.split(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
-    price = None
-    if len(carried):
-        found = sensitivities(footage, field.gop(), rng, backend)
-        price = Price(
-            equal_slope_steps(found, reference.qscale),
-            PREDICTION.price * bit / (255.0**2 * footage.pixels),
-            backend.device,
-        )
+    price = price_of(field, footage, reference.qscale, rng)
     with single_torch_thread():
         optimise(field, footage, PREDICTED, effort, rng, price=price)
     psnr = mean_psnr(field.gop(), footage, backend)

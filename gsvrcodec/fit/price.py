@@ -1,4 +1,4 @@
-"""The price of changes: a predicted fit pays for the bits that its changes will take."""
+"""The price of bits: a fit pays for the bits that its parameters will take."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from torch.nn.functional import avg_pool1d
 
 from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.field import Field, Tensors
-from gsvrcodec.fit.tuned import PREDICTION
+from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.quantise import Steps
 
 _MOTION = ("linear", "quadratic")
 
 
 class Price:
-    """Adds the slope of weight * log2(1 + |change| / step) to the gradients of changes.
+    """Adds the slope of weight * log2(1 + |difference| / step) to the gradients of a fit.
 
-    Without it a fit drifts along directions that hardly change the picture, and a change costs as
-    much as the value. Motion pays for what differs from that of the neighbours in drawing order.
+    Without it a fit drifts along directions that hardly change the picture, and bits are spent on
+    them. A Gaussian that is carried over pays for its changes. A new one pays for an opacity that
+    is not 1, and for scales that differ from those of its neighbours in drawing order. All pay for
+    motion that differs from that of their neighbours.
 
     Args:
         steps: quantiser steps of the attributes.
@@ -37,10 +39,10 @@ class Price:
     def add(self, field: Field, gradients: Tensors) -> None:
         """Add the slopes to the gradients of a field, in place.
 
-        They change slowly: they are computed anew in every `PREDICTION.priced_steps`-th call, and
-        after `forget`.
+        They change slowly: they are computed anew in every `PRICE.steps`-th call, and after
+        `forget`.
         """
-        if self._added % PREDICTION.priced_steps == 0:
+        if self._added % PRICE.steps == 0:
             self._slopes = self._computed(field)
         self._added += 1
         for name, slope in self._slopes.items():
@@ -56,14 +58,26 @@ class Price:
             if name not in field.raw:
                 continue
             value = field.raw[name]
+            columns = value.reshape(len(value), -1)
             if name in _MOTION:
-                apart = value - _usual(value)
-                slopes[name] = self._weight * PREDICTION.motion_price * _slope(apart, step)
+                slope = PRICE.motion * _slope(columns - _usual(columns), step)
             else:
-                columns = value.reshape(len(value), -1)
-                slope = field.carried * _slope(columns, step)
-                slopes[name] = self._weight * slope.reshape(value.shape)
+                slope = self._of_look(field, name, columns, step)
+            slopes[name] = self._weight * slope.reshape(value.shape)
         return slopes
+
+    def _of_look(self, field: Field, name: str, value: Tensor, step: Tensor) -> Tensor:
+        """Slopes of an attribute whose changes are stored of carried Gaussians, (N, C)."""
+        carried = field.carried
+        total = torch.zeros_like(value)
+        if carried is not None:
+            total += PRICE.change * carried * _slope(value, step)
+        new = 1.0 if carried is None else 1 - carried
+        if name == "log_opacity":
+            total += PRICE.log_opacity * new * _slope(value, step)
+        elif name == "log_scale":
+            total += PRICE.log_scale * new * _slope(value - _usual(value), step)
+        return total
 
 
 def _slope(value: Tensor, step: Tensor) -> Tensor:
@@ -73,5 +87,5 @@ def _slope(value: Tensor, step: Tensor) -> Tensor:
 
 def _usual(value: Tensor) -> Tensor:
     """Mean of the neighbours in drawing order, (N, C)."""
-    near = PREDICTION.near
+    near = PRICE.near
     return avg_pool1d(value.T[None], near, 1, near // 2, count_include_pad=False)[0].T

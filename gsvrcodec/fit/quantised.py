@@ -16,7 +16,7 @@ from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.staged import quantise_in_stages
-from gsvrcodec.fit.static import still, with_static, with_unchanged
+from gsvrcodec.fit.static import still, with_static, with_unchanged, with_usual_opacity
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, dequantised
 from gsvrcodec.model.static import select_gaussians
@@ -97,15 +97,17 @@ class QuantisedFit:
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
         states = [own for own in (self.sensitivities, self.at_rest) if own is not None]
         gop = with_static(self.fit.gop, states, qscale)
-        if self.fit.anchor is None:
+        anchor = self.fit.anchor
+        new = np.ones(len(gop), np.bool_) if anchor is None else ~anchor.carried
+        gop = with_usual_opacity(gop, new, self.sensitivities, qscale)
+        if anchor is None:
             costs = self.sensitivities
             if self.slope is not None:
                 chosen = self.slope.worthwhile(self.losses)
                 gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
             return gop, refined_steps(gop, costs, qscale)
         steps = equal_slope_steps(self.sensitivities, qscale)
-        carried = self.fit.anchor.carried
-        return with_unchanged(gop, carried, self.sensitivities, steps, qscale), steps
+        return with_unchanged(gop, anchor.carried, self.sensitivities, steps, qscale), steps
 
     def _psnr(self, gop: Gop, precision: Precision) -> float:
         decoded = self.fit.drawn(dequantised(gop, precision))

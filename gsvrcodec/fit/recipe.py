@@ -69,14 +69,14 @@ def _cosine(spent: float) -> float:
 #: four at 1 s a frame. Once and twice were worth 0.23 and 0.36 dB, by 48 bits instead of 64.
 MAIN = Recipe(
     rates={
-        "position": 1.26,
+        "position": 0.95,
         "log_scale": 0.235,
         "rotation": 0.235,
         "colour": 0.042,
-        "log_opacity": 0.2,
+        "log_opacity": 0.12,
         "indicator": 0.056,
-        "linear": 0.5,
-        "quadratic": 0.5,
+        "linear": 0.2,
+        "quadratic": 0.1,
         # Offsets of position and scale (px), rotation and log-opacity.
         "xy": (3.1, 3.1, 0.07, 0.07, 0.007, 0.007, 0.0, 0.0),
         "xt": 0.112,
@@ -87,7 +87,7 @@ MAIN = Recipe(
     betas=(0.9, 0.9),
     decay=_falling,
     warm_up=8,
-    coarse=0.35,
+    coarse=0.22,
     relocations=(0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
     settling=20,
     prunings=(0.53, 0.7, 0.85),

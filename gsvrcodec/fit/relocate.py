@@ -101,7 +101,7 @@ def move_weakest(
         like,
         position=position,
         colour=colour,
-        log_opacity=np.log(RELOCATION.weight * weight),
+        log_opacity=np.log(np.maximum(RELOCATION.weight * weight, 1)),
         log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
     )
     return weakest

@@ -20,7 +20,7 @@ from gsvrcodec.render.backend import Backend
 _STAGES = (
     ("indicator", "linear", "quadratic", "xy", "xt", "yt"),
     ("position",),
-    ("log_scale", "rotation"),
+    ("log_scale", "rotation", "log_opacity"),
 )
 
 

@@ -1,4 +1,4 @@
-"""Gaussians that hardly move are made static; changes that are not worth their bits are undone."""
+"""What is not worth its bits is not stored: small motion, opacities near 1, small changes."""
 
 from __future__ import annotations
 
@@ -51,6 +51,20 @@ def with_static(gop: Gop, sensitivities: Sequence[Gop], qscale: float) -> Gop:
         linear=np.where(moves[:, None], gop.linear, static.linear),
         quadratic=np.where(moves[:, None], gop.quadratic, static.quadratic),
     )
+
+
+def with_usual_opacity(gop: Gop, new: NDArray[np.bool_], sensitivities: Gop, qscale: float) -> Gop:
+    """Give the opacity 1 to new Gaussians whose opacity is worth less than its bits.
+
+    Args:
+        gop: The GOP to be stored.
+        new: (N,) Gaussians that do not come from a reference.
+        sensitivities: Squared error of a change of each parameter by one.
+        qscale: Factor of the steps that the GOP will be stored with.
+    """
+    loss = sensitivities.log_opacity * np.square(gop.log_opacity)
+    usual = new & (loss < STEPS.opacity_bits * bit_worth(qscale))
+    return replace(gop, log_opacity=np.where(usual, np.float32(0), gop.log_opacity))
 
 
 def with_unchanged(

@@ -79,9 +79,10 @@ class _Relocation:
     """
 
     frames: int = 5  #: frames whose error is looked at
-    sigma_range: tuple[float, float] = (0.5, 3.0)  #: px, of a Gaussian that has moved
+    sigma_range: tuple[float, float] = (0.4, 2.0)  #: px, of a Gaussian that has moved
     error_box_px: int = 3  #: box size of the squared error, px
-    weight: float = 0.6  #: opacity of a Gaussian that has moved, in the sum of weights there
+    #: opacity of a Gaussian that has moved, in the sum of weights there; but at least 1
+    weight: float = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +113,8 @@ class _Prediction:
     #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is at
     #: most 0.5 dB below it instead of 2.6 dB
     hurried: float = 10.0
-    price: float = 2.4  #: of the bits of a change, in what a bit is worth
     change_bits: float = 2.0  #: of a change, beside those of its components
     undone: float = 1.5  #: a change is undone if it is worth less than so many times its bits
-    motion_price: float = 1.0  #: of motion that differs from the neighbours', in `price`
-    near: int = 15  #: neighbours in drawing order
-    priced_steps: int = 4  #: optimiser steps that take the same slopes of prices
     renewed_first: float = 0.05  #: fraction of the Gaussians that is new from the beginning
     least_steps: int = 60
     #: PSNR of the start, dB, below which a GOP is not predicted, if it is also so much below the
@@ -126,6 +123,27 @@ class _Prediction:
     #: loses 1.6 dB. cup, at a third of a second a frame, goes on at 20 dB: +0.2 dB
     lost: float = 19.0
     lost_fall: float = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Price:
+    """Prices of bits during a fit, in what a bit is worth.
+
+    First GOPs of soccer (two sizes), Bunny, blocks, drive, bee and coffee at half size, qscale 1
+    and 2, dB at equal bytes over no price and opacities that follow the weights: opacity alone
+    +0.2 and +0.4; with scales +0.25 and +0.5; with scales and motion +0.35 and +0.6; colours of new
+    Gaussians 0 to -0.1. Opacities that stay at 1 are as good in the mean, and 0.6 dB worse for
+    blocks, where hands pass over a mat.
+    """
+
+    change: float = 2.4  #: of what a carried Gaussian changes
+    motion: float = 2.2  #: of motion that differs from the neighbours'
+    log_opacity: float = 4.0  #: of a new Gaussian's opacity that is not 1
+    log_scale: float = 0.4  #: of a new Gaussian's scales that differ from the neighbours'
+    near: int = 15  #: neighbours in drawing order
+    steps: int = 4  #: optimiser steps that take the same slopes of prices
+    #: qscale that bits are priced for, where the fit does not know the qscale
+    qscale: float = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +177,14 @@ class _Steps:
     most_refined: int = 3  #: most bits by which a Gaussian is finer than others
     #: times that refinements are chosen: each time by levels of values as rounded by the last
     refinements: int = 2
+    #: most that the steps of base values are coarser than those of values without refinement. Six
+    #: clips as in `PRICE`: 4 instead of 2.8 or no bound, +0.1 dB at equal bytes
+    coarsest: float = 4.0
     #: squared 8-bit codes that the motion of a static Gaussian may be worth at qscale 1: what some
     #: ten bits buy elsewhere, at the slope of the steps (2 ln 2 times `unit` for each)
     static_worth: float = 1500.0
+    #: bits that an opacity has to be worth; else it is stored as 1
+    opacity_bits: float = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +207,13 @@ class _Slope:
 class _Staged:
     """Staged quantisation.
 
-    Bunny, 24 frames, 15 000 Gaussians: +0.35 dB at equal size. Effort: first GOPs of six clips at
-    0.1 bpp and 25 visits; 0.05 is as good, 0.12 costs 0.05 dB, 0.2 costs 0.25 dB. Rates: the same
-    without soccer and driving; from 0.016 to 0.054 PSNR differs by 0.02 dB.
+    First GOPs of soccer, Bunny, blocks, drive, bee and coffee at half size, qscale 1 and 2, dB at
+    equal bytes over an effort of 0.08 and rates of 0.024: rates of 0.05 0 and +0.15, 0.1 -0.3 and
+    +0.1; effort of 0.12 with rates of 0.05 +0.1 and +0.2, 0.2 0 and +0.2.
     """
 
-    effort: float = 0.08  #: fraction of the effort that goes into tuning
-    rates: float = 0.024  #: factor of the recipe's rates at the beginning of a stage
+    effort: float = 0.12  #: fraction of the effort that goes into tuning
+    rates: float = 0.05  #: factor of the recipe's rates at the beginning of a stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +255,7 @@ START = _Start()
 TRACKS = _Tracks()
 RELOCATION = _Relocation()
 EFFECT = _Effect()
+PRICE = _Price()
 PREDICTION = _Prediction()
 STEPS = _Steps()
 SLOPE = _Slope()

@@ -246,12 +246,15 @@ def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dic
     """How many bits refine each Gaussian, (N,), for each attribute that is refined.
 
     Args:
-        values: Base values by attribute name; scales, colours, indicators and motion are needed.
+        values: Base values by attribute name; scales, opacities, indicators and motion count.
         refinements: Of the attributes that are refined.
     """
     if not refinements:
         return {}
-    found = levels(values["log_scale"], values["colour"])
+    log_scale = values["log_scale"]
+    # Sums have no opacities.
+    log_opacity = values.get("log_opacity", np.zeros(len(log_scale), np.float32))
+    found = levels(log_scale, log_opacity)
     bits = {name: own.bits(found[name]) for name, own in refinements.items()}
     still = (values["indicator"] == 1) & ~values["linear"].any(1) & ~values["quadratic"].any(1)
     for name in bits.keys() & {"linear", "quadratic"}:

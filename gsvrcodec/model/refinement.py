@@ -1,9 +1,9 @@
 """Finer values for the Gaussians that need them (spec section "Refinement").
 
-What rounding a parameter costs depends on the Gaussian: that of a colour grows with the area, that
-of scales with the area and the squared colour, that of a place with the squared colour. One step
-for all would be too fine for most of them. So the planes hold a base value of each parameter, and
-a Gaussian has some bits more, by its base scales and its base colour.
+What rounding a parameter costs depends on the Gaussian: on its area, its shape, and its opacity,
+which hides what others show. One step for all would be too fine for most of them. So the planes
+hold a base value of each parameter, and a Gaussian has some bits more, by its base scales and its
+base opacity.
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ MOST_BITS = 8
 
 #: 1 / ln 2: octaves of a natural logarithm.
 _OCTAVES = 1.4426950408889634
-#: Exponent that stands for colours too small to see.
-_LEAST_EXPONENT = -8
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,28 +43,30 @@ class Refinement:
 Refinements = Mapping[str, Refinement]
 
 
-def levels(log_scale: Float32Array, colour: Float32Array) -> dict[str, Levels]:
+def levels(log_scale: Float32Array, log_opacity: Float32Array) -> dict[str, Levels]:
     """Return the level of each Gaussian for each attribute of `REFINED`, (N,).
 
     A level more stands for a rounding error of four times the cost.
 
     Args:
         log_scale: (N, 2) base values, as dequantised.
-        colour: (N, 3) base values, as dequantised.
+        log_opacity: (N,) base values, as dequantised; zeros where pictures are sums.
     """
     first, second = log_scale.astype(np.float64).T
-    area = np.floor((first + second) * _OCTAVES).astype(np.int64)
-    shape = np.floor(np.abs(first - second) * _OCTAVES).astype(np.int64)
-    peak = np.abs(colour).max(axis=1, initial=0)
-    _, exponent = np.frexp(peak)
-    exponent = np.where(peak > 0, exponent, _LEAST_EXPONENT).astype(np.int64)
-    exponent = np.maximum(exponent, _LEAST_EXPONENT)
-    place = (3 * shape + 8 * exponent) // 8
+    area = _octaves(first + second)
+    shape = _octaves(np.abs(first - second))
+    opacity = _octaves(log_opacity.astype(np.float64))
+    place = (3 * shape + 2 * opacity - area) // 8
     return {
         "position": place,
-        "log_scale": (area + 2 * exponent) // 2,
-        "rotation": (2 * area + 5 * shape + 4 * exponent) // 4,
-        "colour": area // 2,
+        "log_scale": (2 * area + 3 * opacity) // 8,
+        "rotation": (2 * area + 8 * shape + 3 * opacity) // 8,
+        "colour": 3 * (area + opacity) // 8,
         "linear": place,
         "quadratic": place,
     }
+
+
+def _octaves(values: NDArray[np.float64]) -> Levels:
+    """Whole octaves of natural logarithms, rounded down."""
+    return np.floor(values * _OCTAVES).astype(np.int64)
