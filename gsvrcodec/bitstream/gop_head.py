@@ -141,9 +141,7 @@ class GopHead(GopSummary):
 
     def shape(self, blending: Blending) -> GopShape:
         """Return counts and sizes, from which the planes follow; `blending` is the header's."""
-        return GopShape(
-            self.new, self.grid, self.carried_from, self.changed, self.moved, blending
-        )
+        return GopShape(self.new, self.grid, self.carried_from, self.changed, self.moved, blending)
 
     def to_bytes(self) -> bytes:
         """The 72 bytes of the head that this version knows."""

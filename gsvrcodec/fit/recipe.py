@@ -107,7 +107,7 @@ PREDICTED = replace(
 #: The publication's rates; no coarse stage.
 PAPER = Recipe(
     rates={
-        **dict.fromkeys(("position", "log_scale", "rotation", "colour"), 0.01),
+        **dict.fromkeys(("position", "log_scale", "rotation", "colour", "log_opacity"), 0.01),
         **dict.fromkeys(("indicator", "linear", "quadratic", "xy", "xt", "yt"), 0.0025),
     },
     in_pixels=False,

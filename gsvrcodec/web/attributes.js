@@ -1,14 +1,20 @@
 /** Attributes of Gaussians and grids, and the sizes of planes (section 5.4). */
 
+import { MOST_LOG_OPACITY } from "./reconstruction.js";
+
+/** Floats that the components of all attributes of a grid take: the *slots* of its values. */
+const slotsOf = {};
+
 /**
- * The attributes by number. The components of the attributes of one grid, counted through, are the
- * *slots* of its values: a new Gaussian has 13.
+ * The attributes by number; the components of one take the slots from `slot` on. Slots are the same
+ * however pictures are formed; those without a plane hold 0.
  */
 export const ATTRIBUTES = [
   ["position", 2, "new", -1024, 1024],
   ["log_scale", 2, "new", -32, 13],
   ["rotation", 1, "new", -64, 64],
   ["colour", 3, "new", -65536, 65536],
+  ["log_opacity", 1, "new", -MOST_LOG_OPACITY, MOST_LOG_OPACITY],
   ["indicator", 1, "new", -2, 2],
   ["linear", 2, "new", -1024, 1024],
   ["quadratic", 2, "new", -1024, 1024],
@@ -20,20 +26,30 @@ export const ATTRIBUTES = [
   ["log_scale_change", 2, "changed", -45, 45],
   ["rotation_change", 1, "changed", -64, 64],
   ["colour_change", 3, "changed", -65536, 65536],
+  ["log_opacity_change", 1, "changed", -24, 24],
   ["carried_indicator", 1, "moved", -2, 2],
   ["carried_linear", 2, "moved", -1024, 1024],
   ["carried_quadratic", 2, "moved", -1024, 1024],
-].map(([name, components, grid, low, high]) => ({ name, components, grid, low, high }));
+].map(([name, components, grid, low, high]) => {
+  const slot = slotsOf[grid] ?? 0;
+  slotsOf[grid] = slot + components;
+  return { name, components, grid, low, high, slot };
+});
 
 /** Slots of a Gaussian; the first of them are its look (section 8.3). */
-export const SLOTS = 13, LOOK_SLOTS = 8;
+export const SLOTS = 14, LOOK_SLOTS = 9;
 /** First slots of the attributes of a Gaussian. */
-export const LOG_SCALE = 2, ROTATION = 4, COLOUR = 5, INDICATOR = 8, LINEAR = 9, QUADRATIC = 11;
+export const LOG_SCALE = 2, ROTATION = 4, COLOUR = 5, LOG_OPACITY = 8, INDICATOR = 9, LINEAR = 10;
+export const QUADRATIC = 12;
+/** Channels of a tri-plane; the first of them are all that a film of means stores. */
+export const CHANNELS = 8, MEAN_CHANNELS = 6;
+/** The one of the log-opacity, in a film of means. */
+export const OPACITY_CHANNEL = 5;
 /** Bits of a mode, and the mode of a Gaussian that is dropped (section 5.5). */
 export const MOVED = 1, CHANGED = 2, DROPPED = 4;
 
 /** The attributes of the slots of a Gaussian. */
-const SLOT_ATTRIBUTES = ATTRIBUTES.slice(0, 7)
+const SLOT_ATTRIBUTES = ATTRIBUTES.filter(({ grid }) => grid === "new")
   .flatMap((attribute) => Array(attribute.components).fill(attribute));
 
 /** Clamp a value to the bounds of a slot of a Gaussian. */
@@ -42,17 +58,25 @@ export function bounded(value, slot) {
   return value < low ? low : value > high ? high : value;
 }
 
+/** Return how many components of an attribute have planes, by how pictures are formed. */
+export function storedComponents({ name, components }, blending) {
+  if (blending === "mean") return components === CHANNELS ? MEAN_CHANNELS : components;
+  return name.startsWith("log_opacity") ? 0 : components;
+}
+
 /** Return the grids of a GOP by name: the size of their planes, and how many samples count. */
 export function gridsOf({ gaussians, grid: [gx, gy, gt], carried, dropped, changed, moved }) {
   const plane = (width, height, count = width * height) =>
-    ({ width, height, count, slots: 0, planes: [], guided: false, columns: null });
+    ({ width, height, count, planes: [], guided: false, columns: null });
   const list = (count) => {
     const width = Math.ceil(Math.sqrt(count));
     return plane(width, Math.ceil(count / (width || 1)), count);
   };
-  return {
+  const grids = {
     new: { ...list(gaussians - (carried - dropped)), guided: true },
     xy: plane(gx, gy), xt: plane(gx, gt), yt: plane(gy, gt),
     reference: list(carried), changed: list(changed), moved: list(moved),
   };
+  for (const [name, grid] of Object.entries(grids)) grid.slots = slotsOf[name];
+  return grids;
 }

@@ -14,6 +14,7 @@ import { readIndex } from "./index.js";
 import { findMoving } from "./layers.js";
 import { limit, limitExpansion } from "./limits.js";
 import { carryOver, passageBetween } from "./prediction.js";
+import { TakenOut } from "./taken_out.js";
 import { walk } from "./walk.js";
 
 const MOST_HEADER_BYTES = 4096;
@@ -29,6 +30,7 @@ export class Film {
   #bytes = 0;
   #chunks = [];
   #others = [];
+  #takenOut = null;
 
   constructor(source) {
     this.source = source;
@@ -53,22 +55,41 @@ export class Film {
 
   /**
    * Decode GOP `k`. The result is shared and must not be changed: `pts` (Float64Array, ticks after
-   * the first one of the GOP), `gaussians` (Float32Array, 13 floats each in the order of section
-   * 5.4, those carried over included) and `grids` (null, or `size` [Gx, Gy, Gt] and the
-   * Float32Arrays `xy`, `xt` and `yt`, rows x columns x 8 channels).
+   * the first one of the GOP), `gaussians` (Float32Array, 14 floats each in the order of section
+   * 5.4, those carried over included), `grids` (null, or `size` [Gx, Gy, Gt] and the Float32Arrays
+   * `xy`, `xt` and `yt`, rows x columns x 8 channels), `blending`, that of the header, and for each
+   * Gaussian whether it is `moving`, and whether it is `out` (null if none is).
    */
   async gop(k) {
-    const { pts, gaussians, grids } = await this.#decoded(k);
-    return { pts, gaussians, moving: this.#moving(gaussians), grids };
+    const gop = await this.#decoded(k), { pts, gaussians, grids, blending } = gop;
+    const out = this.#takenOut.mask(k, gop);
+    return { pts, gaussians, moving: this.#moving(gaussians), out, grids, blending };
   }
 
   /** Return the passage from GOP `k` to the next; null if that is not predicted from it. */
   async passage(k) {
     if (this.gops[k + 1]?.reference !== k) return null;
     const before = await this.#decoded(k), after = await this.#decoded(k + 1);
-    const dropped = this.#moving(before.gaussians).filter((_, n) => after.modes[n] === DROPPED);
-    const moving = [...this.#moving(after.gaussians), ...dropped];
-    return { ...passageBetween(before, after), moving: Uint8Array.from(moving) };
+    const joined = (mask, next) =>
+      Uint8Array.from([...next, ...mask.filter((_, n) => after.modes[n] === DROPPED)]);
+    const masks = [[k, before], [k + 1, after]].map(([i, gop]) => this.#takenOut.mask(i, gop));
+    return {
+      ...passageBetween(before, after), out: masks[0] && joined(...masks),
+      moving: joined(this.#moving(before.gaussians), this.#moving(after.gaussians)),
+    };
+  }
+
+  /**
+   * Take out what moves at a place [x, y], -1 to 1, of GOP `k` at the time `tau`: it is `out` in
+   * all GOPs from then on. Return how many Gaussians it has, 0 if nothing moves there.
+   */
+  async takeOut(k, tau, place) {
+    return this.#takenOut.add(k, await this.#decoded(k), tau, place);
+  }
+
+  /** Bring all back that was taken out. */
+  async bringBack() {
+    this.#takenOut.clear();
   }
 
   #moving(gaussians) {
@@ -100,6 +121,7 @@ export class Film {
     const fits = chunk.length >= 4 && chunk.length <= MOST_HEADER_BYTES;
     check(fits, `The header has ${chunk.length} bytes.`);
     this.header = parseHeader(await readPayload(this.source, chunk));
+    this.#takenOut = new TakenOut(this.header);
     return chunk.end;
   }
 
@@ -122,13 +144,15 @@ export class Film {
   /** Describe the GOPs; find their references, and check the length of chains. */
   #listGops() {
     const { firstPts: origin } = this.#chunks[0].summary, places = new Map();
+    let number = 0;
     /** The timestamp from which those of `gops` are counted, ticks. */
     this.origin = Number(origin);
     this.gops = this.#chunks.map((chunk, k) => {
       const { firstFrame, frames, gaussians, distance, ...times } = chunk.summary;
       const reference = distance ? places.get(firstFrame - BigInt(distance)) ?? MISSING : KEY;
       const { depth = 0, chainBytes = 0 } = this.#chunks[reference] ?? {};
-      Object.assign(chunk, { depth: depth + 1, chainBytes: chainBytes + chunk.length });
+      Object.assign(chunk, { depth: depth + 1, chainBytes: chainBytes + chunk.length, number });
+      number += gaussians;
       limit("chain", chunk.depth, "The number of GOPs in a chain of references");
       places.set(firstFrame, k);
       return {
@@ -189,7 +213,7 @@ export class Film {
 
   /** Decode a GOP, whose `reference`, if it has one, is decoded already. */
   async #unpack(k, reference) {
-    const chunk = this.#chunks[k], { summary, chainBytes } = chunk;
+    const chunk = this.#chunks[k], { summary, chainBytes, number } = chunk;
     const payload = await readPayload(this.source, chunk);
     try {
       const found = readSummary(new Cursor(payload));
@@ -197,7 +221,9 @@ export class Film {
       check(same, "it is not the GOP that the index names.");
       limitExpansion(SLOTS * summary.gaussians, chainBytes);
       const own = await unpackGop(payload, this.header);
-      return reference ? carryOver(own, reference) : own;
+      const gop = reference ? carryOver(own, reference) : own;
+      const fresh = own.gaussians.length / SLOTS;
+      return { ...gop, fresh, numbers: numbersOf(gop, reference, number) };
     } catch (error) {
       throw located(error, this.#place(k));
     }
@@ -230,8 +256,14 @@ export class Film {
   }
 }
 
+/** Return a number of each Gaussian, the same in all GOPs; those of new ones start at `first`. */
+function numbersOf({ gaussians, modes }, reference, first) {
+  const kept = reference ? reference.numbers.filter((_, n) => modes[n] !== DROPPED) : [];
+  return Float64Array.from({ length: gaussians.length / SLOTS }, (_, n) => kept[n] ?? first + n);
+}
+
 /** Return the bytes of a decoded GOP; 0 of an error. */
-function sizeOf({ gaussians, modes, grids }) {
-  const arrays = [gaussians, modes, ...Object.values(grids ?? {})];
+function sizeOf({ gaussians, modes, numbers, grids }) {
+  const arrays = [gaussians, modes, numbers, ...Object.values(grids ?? {})];
   return arrays.reduce((sum, array) => sum + (array?.byteLength ?? 0), 0);
 }

@@ -4,7 +4,7 @@
 const TAP = 6;
 
 export class Gestures {
-  /** `actions`: `tap()`, `drag([dx, dy])`, `zoom([x, y], factor)`, in pixels of the element. */
+  /** `actions`: `tap([x, y])`, `drag([dx, dy])`, `zoom([x, y], factor)`, pixels of the element. */
   constructor(element, actions) {
     this.element = element;
     this.actions = actions;
@@ -51,7 +51,7 @@ export class Gestures {
   up(event) {
     const wasDown = this.pointers.delete(event.pointerId);
     if (wasDown && this.pointers.size === 0 && this.moved <= TAP && event.button === 0) {
-      this.actions.tap();
+      this.actions.tap(this.place(event));
     }
   }
 

@@ -10,19 +10,21 @@ import { dequantise, readPlaneTable } from "./plane_table.js";
 import { refine } from "./refinement.js";
 
 /**
- * Return what a GOP itself stores: `{ pts, gaussians, grids, modes, changes, motions }`.
+ * Return what a GOP itself stores:
+ * `{ pts, gaussians, grids, modes, changes, motions, blending }`.
  *
- * `pts` are ticks after the first timestamp; `gaussians` the new ones, 13 floats each; `grids` the
+ * `pts` are ticks after the first timestamp; `gaussians` the new ones, 14 floats each; `grids` the
  * tri-plane, `{ size, xy, xt, yt }` of 8 channels, or null; `modes` one of each Gaussian of the
- * reference, or null in a key GOP; `changes` 8 floats of each changed Gaussian, `motions` 5 of each
- * moved one. Floats are in the order of section 5.4.
+ * reference, or null in a key GOP; `changes` 9 floats of each changed Gaussian, `motions` 5 of each
+ * moved one. Floats are in the order of section 5.4; those that the film has no planes of are 0.
+ * `blending` is that of the header.
  */
 export async function unpackGop(payload, header) {
   const cursor = new Cursor(payload);
   const head = readGopHead(cursor, header);
   const pts = readTiming(cursor, head);
   const grids = gridsOf(head);
-  const planes = readPlaneTable(cursor, head.planes, grids);
+  const planes = readPlaneTable(cursor, head.planes, grids, header.blending);
   const plain = !planes.some(({ codec }) => IMAGE_CODECS.includes(codec));
   check(plain || header.imageCodecs, "it has an image in a film without image codecs.");
   const sizes = planes.map(({ grid }) => grid.width * grid.height);
@@ -40,7 +42,7 @@ export async function unpackGop(payload, header) {
   return {
     pts, gaussians: grids.new.values, grids: head.grid[0] ? { size: head.grid, xy, xt, yt } : null,
     modes: head.distance ? modes : null,
-    changes: grids.changed.values, motions: grids.moved.values,
+    changes: grids.changed.values, motions: grids.moved.values, blending: header.blending,
   };
 }
 

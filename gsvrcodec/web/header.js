@@ -4,7 +4,11 @@ import { Cursor } from "./bytes.js";
 import { check, UnsupportedError } from "./errors.js";
 import { limit } from "./limits.js";
 
-const HEADER_BYTES = 70;
+const HEADER_BYTES = 72;
+/** Bytes of the header in files of the first release candidate, whose pictures were all sums. */
+const FIRST_CANDIDATE_BYTES = 70;
+/** How pictures are formed, by number. */
+const BLENDINGS = ["sum", "mean"];
 const MIRRORED = 2 ** 15;
 
 /**
@@ -20,6 +24,11 @@ export function parseHeader(payload) {
   if (version[0] !== 1) {
     throw new UnsupportedError(`The film has version ${version.join(".")}, the player knows 1.0.`);
   }
+  if (version[1] === 0 && payload.length === FIRST_CANDIDATE_BYTES) {
+    throw new UnsupportedError(
+      "The film has version 1.0 as of its first release candidate, which the player does not "
+      + "read: encode the video anew.");
+  }
   const newer = version[1] > 0 && payload.length > HEADER_BYTES;
   check(newer || payload.length === HEADER_BYTES, `The header has ${payload.length} bytes.`);
   const required = cursor.u32(), flags = cursor.u32();
@@ -31,12 +40,17 @@ export function parseHeader(payload) {
   const [mostGaussians, mostFrames] = pair().map((value) => maximum(value, 2 ** 32 - 1));
   const mostGrid = [0, 0, 0].map(() => maximum(cursor.u16(), 2 ** 16 - 1));
   const frames = Number(cursor.u64()), gops = cursor.u32();
+  const blending = cursor.u8(), reserved = cursor.u8();
 
   const positive = [width, height, ...sampleAspect, ...timeBase].every(Boolean);
   check(positive, "The header has a size, sample aspect ratio or time base of zero.");
   check([0, 90, 180, 270].includes(rotation), `The header has the rotation ${rotation}.`);
   check(bitDepth >= 1 && bitDepth <= 16, `The header has ${bitDepth} bits a sample.`);
   check(fullRange <= 1 && chromaLocation <= 6, "The header has unknown colours.");
+  if (blending >= BLENDINGS.length) {
+    throw new UnsupportedError(`The film forms its pictures in an unknown way, ${blending}.`);
+  }
+  check(reserved === 0, "A reserved byte of the header is not zero.");
   limit("width", width, "The width");
   limit("height", height, "The height");
   limit("pixels", width * height, "The number of pixels");
@@ -45,7 +59,7 @@ export function parseHeader(payload) {
   return {
     version, width, height, sampleAspect, rotation, mirrored: turn >= MIRRORED, bitDepth,
     colour: { primaries, transfer, matrix, fullRange, chromaLocation },
-    timeBase, mostGaussians, mostFrames, mostGrid, frames, gops,
+    timeBase, mostGaussians, mostFrames, mostGrid, frames, gops, blending: BLENDINGS[blending],
     imageCodecs: (flags & 1) > 0, stream: (flags & 2) > 0,
   };
 }

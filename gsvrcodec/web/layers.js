@@ -1,10 +1,9 @@
 /** Which Gaussians move against the camera: the layers of gsvrcodec's decoder. */
 
-/** Floats of a Gaussian, and where its linear and quadratic motion stand. */
-const FLOATS = 13;
-const MOTION = 9;
+import { LINEAR, SLOTS } from "./attributes.js";
+
 /** Least way of a moving Gaussian against the median motion, in longer sides of the frame. */
-const LEAST_WAY = 1 / 160;
+export const LEAST_WAY = 1 / 160;
 
 function median(values) {
   const sorted = values.slice().sort();
@@ -14,10 +13,10 @@ function median(values) {
 
 /** Return 1 for each Gaussian whose polynomial takes it away from the median motion, else 0. */
 export function findMoving(gaussians, width, height) {
-  const count = gaussians.length / FLOATS;
+  const count = gaussians.length / SLOTS;
   const [linearX, linearY, quadraticX, quadraticY] = [0, 1, 2, 3].map((part) => {
     const values = new Float32Array(count);
-    for (let n = 0; n < count; n++) values[n] = gaussians[n * FLOATS + MOTION + part];
+    for (let n = 0; n < count; n++) values[n] = gaussians[n * SLOTS + LINEAR + part];
     const camera = count ? median(values) : 0;
     const half = (part % 2 ? height : width) / 2;
     return values.map((value) => (value - camera) * half);

@@ -74,6 +74,7 @@ export class Player {
     page.seek.disabled = false;
     page.seek.max = this.timeline.end;
     this.warning = film.warnings[0] ?? "";
+    this.remark = "";
     this.seek(film.gops[0].start);
   }
 
@@ -258,8 +259,23 @@ export class Player {
       `${drawn.toLocaleString("en")} Gaussians, ${moving.toLocaleString("en")} move`,
       `${Math.round(this.timeline.bitRate(shown.index) / 1000).toLocaleString("en")} kbit/s`,
       `${header.width}x${header.height} at ${shown.view.frame.join("x")}`,
-      ...(this.warning ? [this.warning] : []),
+      ...[this.remark, this.warning].filter(Boolean),
     ].join(" \u00b7 ");
+  }
+
+  /** Take out what moves at a place of the picture. */
+  async takeOut(place) {
+    const { film } = this, scale = page.picture.width / page.picture.clientWidth;
+    if (!film) return;
+    const count = await this.stage.takeOut(place.map((at) => at * scale)).catch(() => 0);
+    if (film !== this.film) return;
+    this.remark = count ? `${count.toLocaleString("en")} taken out` : "nothing moves there";
+  }
+
+  /** Bring all back that was taken out. */
+  bringBack() {
+    this.remark = "";
+    if (this.film) this.stage.bringBack().catch(() => {}); // which fails if the film was closed
   }
 
   zoom(factor, place = null) {

@@ -39,6 +39,13 @@ function connect(player) {
     smaller: () => player.zoom(1 / ZOOM_STEP),
     larger: () => player.zoom(ZOOM_STEP),
     fit: () => player.zoom(0),
+    remove: () => setRemoving(!isRemoving()),
+  };
+  const isRemoving = () => page.remove.getAttribute("aria-pressed") === "true";
+  const setRemoving = (wanted) => {
+    page.remove.setAttribute("aria-pressed", wanted);
+    page.picture.classList.toggle("removing", wanted);
+    if (!wanted) player.bringBack();
   };
   for (const [id, action] of Object.entries(actions)) page[id].onclick = action;
   for (const choice of [page.speed, page.between, page.layers, page.outlines]) {
@@ -73,6 +80,8 @@ function connect(player) {
     m: actions.mute,
     f: actions.full,
     o: () => page.open.click(),
+    x: actions.remove,
+    Escape: () => setRemoving(false),
     "?": actions.help,
   };
   document.addEventListener("keydown", (event) => {
@@ -87,11 +96,11 @@ function connect(player) {
   });
 
   new Gestures(page.picture, {
-    tap: actions.play,
+    tap: (place) => (isRemoving() ? player.takeOut(place) : actions.play()),
     drag: (distance) => player.pan(distance),
     zoom: (place, factor) => player.zoom(factor, place),
   });
-  page.picture.addEventListener("dblclick", fullScreen);
+  page.picture.addEventListener("dblclick", () => isRemoving() || fullScreen());
   page.picture.addEventListener("webglcontextlost", (event) => event.preventDefault());
   page.picture.addEventListener("webglcontextrestored", () => player.restore());
 

@@ -1,20 +1,19 @@
 /** Deformation, prediction, and passages between GOPs (sections 8.1 to 8.3), in binary64. */
 
 import {
-  bounded, CHANGED, COLOUR, DROPPED, INDICATOR, LINEAR, LOG_SCALE, LOOK_SLOTS, MOVED, QUADRATIC,
-  ROTATION, SLOTS,
+  bounded, CHANGED, CHANNELS, COLOUR, DROPPED, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE,
+  LOOK_SLOTS, MOVED, OPACITY_CHANNEL, QUADRATIC, ROTATION, SLOTS,
 } from "./attributes.js";
 import { check } from "./errors.js";
 import { allocate } from "./limits.js";
-
-const LEAST_SCALE = 0.1, CHANNELS = 8;
+import { LEAST_SHARE, MIN_SCALE, MOST_LOG_OPACITY } from "./reconstruction.js";
 
 /**
- * Return a predicted GOP, `{ pts, gaussians, grids, modes }`, with the Gaussians that it takes over
- * from its reference (section 8.3). `own` is what `unpackGop` returns.
+ * Return a predicted GOP, `{ pts, gaussians, grids, modes, blending }`, with the Gaussians that it
+ * takes over from its reference (section 8.3). `own` is what `unpackGop` returns.
  */
 export function carryOver(own, reference) {
-  const { pts, modes, changes, motions } = own, before = look(reference, 1);
+  const { pts, modes, changes, motions, grids, blending } = own, before = look(reference, 1);
   const same = modes.length * LOOK_SLOTS === before.length;
   check(same, "its reference has another number of Gaussians.");
   const kept = modes.filter((mode) => mode !== DROPPED).length;
@@ -40,35 +39,48 @@ export function carryOver(own, reference) {
     }
     to += SLOTS;
   });
-  return { pts, gaussians, grids: own.grids, modes };
+  return { pts, gaussians, grids, modes, blending };
 }
 
 /**
  * Return the way from the last frame of a GOP to the first frame of the next, which is predicted
  * from it (section 8.1), as two sets of static Gaussians, `from` and `to`: those carried over, the
- * new ones, those dropped. One that is not there yet, or no longer, has colour 0.
+ * new ones from number `carried` on, and those dropped from number `all` on.
  */
 export function passageBetween(before, after) {
   const last = look(before, 1), first = look(after, -1), kept = [], dropped = [];
   after.modes.forEach((mode, n) => (mode === DROPPED ? dropped : kept).push(n));
   const carried = kept.length, all = first.length / LOOK_SLOTS, count = all + dropped.length;
   const from = allocate(Float32Array, count * SLOTS), to = allocate(Float32Array, count * SLOTS);
-  for (let i = 0, at = 0; i < count; i++, at += SLOTS) {
+  const put = (to, i, looks, n) => {
+    to.set(looks.subarray(n * LOOK_SLOTS, (n + 1) * LOOK_SLOTS), i * SLOTS);
+    to[i * SLOTS + INDICATOR] = 1;
+  };
+  for (let i = 0; i < count; i++) {
     const old = i < carried ? kept[i] : dropped[i - all];
     const isOld = i < carried || i >= all, isNew = i < all;
-    for (let slot = 0; slot < LOOK_SLOTS; slot++) {
-      const a = last[old * LOOK_SLOTS + slot], b = first[i * LOOK_SLOTS + slot];
-      from[at + slot] = isOld ? a : slot < COLOUR ? b : 0;
-      to[at + slot] = isNew ? b : slot < COLOUR ? a : 0;
-    }
-    from[at + INDICATOR] = to[at + INDICATOR] = 1;
+    put(from, i, isOld ? last : first, isOld ? old : i);
+    put(to, i, isNew ? first : last, isNew ? i : old);
   }
-  return { from, to };
+  return { from, to, carried, all, blending: after.blending };
 }
 
-/** Return the looks of the Gaussians of a GOP in its first (-1) or last frame (1) (section 8.3). */
-function look({ pts, gaussians: g, grids }, end) {
-  const tau = pts.length > 1 ? end : 0, field = grids && fieldAt(grids, tau);
+/** Put a passage `weight` of the way into `gaussians`: those that come or go have a share. */
+export function mix({ from, to, carried, all, blending }, weight, gaussians) {
+  for (let n = 0; n < from.length; n++) gaussians[n] = (1 - weight) * from[n] + weight * to[n];
+  for (let i = carried, at = i * SLOTS; at < gaussians.length; i++, at += SLOTS) {
+    const share = i < all ? weight : 1 - weight;
+    if (blending === "mean") {
+      gaussians[at + LOG_OPACITY] += Math.log(Math.max(share, LEAST_SHARE));
+    } else {
+      for (let slot = COLOUR; slot < LOG_OPACITY; slot++) gaussians[at + slot] *= share;
+    }
+  }
+}
+
+/** Return the looks of the Gaussians of a GOP at a time, -1 to 1 (section 8.3). */
+export function look({ pts, gaussians: g, grids, blending }, time) {
+  const tau = pts.length > 1 ? time : 0, field = grids && fieldAt(grids, tau);
   const result = allocate(Float32Array, g.length / SLOTS * LOOK_SLOTS), none = Array(8).fill(0);
   for (let at = 0, to = 0; at < g.length; at += SLOTS, to += LOOK_SLOTS) {
     const bent = field && g[at + INDICATOR] !== 1;
@@ -77,9 +89,14 @@ function look({ pts, gaussians: g, grids }, end) {
       const i = at + axis, logScale = g[i + LOG_SCALE];
       result[to + axis] = g[i] + g[i + LINEAR] * tau + g[i + QUADRATIC] * tau ** 2 + f[axis];
       result[to + LOG_SCALE + axis] =
-        bent ? Math.log(Math.max(Math.exp(logScale) + f[2 + axis], LEAST_SCALE)) : logScale;
+        bent ? Math.log(Math.max(Math.exp(logScale) + f[2 + axis], MIN_SCALE)) : logScale;
     }
-    for (let slot = ROTATION; slot < LOOK_SLOTS; slot++) result[to + slot] = g[at + slot] + f[slot];
+    result[to + ROTATION] = g[at + ROTATION] + f[4];
+    for (let slot = COLOUR; slot < LOG_OPACITY; slot++) {
+      result[to + slot] = g[at + slot] + (blending === "sum" ? f[slot] : 0);
+    }
+    const bend = blending === "mean" ? f[OPACITY_CHANNEL] : 0, opacity = g[at + LOG_OPACITY] + bend;
+    result[to + LOG_OPACITY] = Math.min(Math.max(opacity, -MOST_LOG_OPACITY), MOST_LOG_OPACITY);
   }
   return result;
 }

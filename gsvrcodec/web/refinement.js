@@ -1,7 +1,7 @@
 /** Refinement of the values of new Gaussians (section 5.6). */
 
 import {
-  COLOUR, INDICATOR, LINEAR, LOG_SCALE, QUADRATIC, ROTATION, SLOTS,
+  COLOUR, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE, QUADRATIC, ROTATION, SLOTS,
 } from "./attributes.js";
 import { check } from "./errors.js";
 import { allocate } from "./limits.js";
@@ -10,14 +10,14 @@ import { refinedValue } from "./plane_table.js";
 const LOG2_E = 1.4426950408889634;
 const MOST_BITS = 8;
 
-/** In the order of the table: first slot, components, and factors and shift of the level. */
+/** In the order of the table: first slot, components, and factors of eight times the level. */
 const REFINED = [
-  { slot: 0, components: 2, area: 0, shape: 3, exponent: 8, shift: 3 },
-  { slot: LOG_SCALE, components: 2, area: 1, shape: 0, exponent: 2, shift: 1 },
-  { slot: ROTATION, components: 1, area: 2, shape: 5, exponent: 4, shift: 2 },
-  { slot: COLOUR, components: 3, area: 1, shape: 0, exponent: 0, shift: 1 },
-  { slot: LINEAR, components: 2, area: 0, shape: 3, exponent: 8, shift: 3 },
-  { slot: QUADRATIC, components: 2, area: 0, shape: 3, exponent: 8, shift: 3 },
+  { slot: 0, components: 2, area: -1, shape: 3, opacity: 2 },
+  { slot: LOG_SCALE, components: 2, area: 2, shape: 0, opacity: 3 },
+  { slot: ROTATION, components: 1, area: 2, shape: 8, opacity: 3 },
+  { slot: COLOUR, components: 3, area: 3, shape: 0, opacity: 3 },
+  { slot: LINEAR, components: 2, area: -1, shape: 3, opacity: 2 },
+  { slot: QUADRATIC, components: 2, area: -1, shape: 3, opacity: 2 },
 ];
 
 /** Read the refinement, all that is left of a payload, and refine the values of the grid `new`. */
@@ -35,8 +35,8 @@ export function refine(cursor, grid) {
   check((bytes[end - 1] & (1 << (-total & 7)) - 1) === 0, "its refinement ends with ones.");
   const place = { bytes, byte: cursor.at, bit: 0 };
   for (const { slot, components, counts } of table) {
-    for (const plane of grid.planes.slice(slot, slot + components)) {
-      refinePlane(plane, counts, place);
+    for (const plane of grid.planes) {
+      if (plane.slot >= slot && plane.slot < slot + components) refinePlane(plane, counts, place);
     }
   }
 }
@@ -58,29 +58,25 @@ function refinePlane(plane, counts, place) {
 
 /** Return what the levels of each new Gaussian depend on, from its base values. */
 function traitsOf({ count, values: v }) {
-  const [area, shape, exponent, still] = [0, 0, 0, 0].map(() => allocate(Int8Array, count));
-  const float = new Float32Array(1), pattern = new Int32Array(float.buffer);
+  const [area, shape, opacity, still] = [0, 0, 0, 0].map(() => allocate(Int8Array, count));
   for (let n = 0, at = 0; n < count; n++, at += SLOTS) {
     const l0 = v[at + LOG_SCALE], l1 = v[at + LOG_SCALE + 1];
     area[n] = Math.floor((l0 + l1) * LOG2_E);
     shape[n] = Math.floor(Math.abs(l0 - l1) * LOG2_E);
-    const red = v[at + COLOUR], green = v[at + COLOUR + 1], blue = v[at + COLOUR + 2];
-    float[0] = Math.max(Math.abs(red), Math.abs(green), Math.abs(blue));
-    // The exponent e of a binary32 c: 2^(e - 1) <= c < 2^e. That of 0 is below all others.
-    exponent[n] = Math.max(-8, (pattern[0] >> 23) - 126);
+    opacity[n] = Math.floor(v[at + LOG_OPACITY] * LOG2_E);
     still[n] = v[at + INDICATOR] === 1 && v[at + LINEAR] === 0 && v[at + LINEAR + 1] === 0
       && v[at + QUADRATIC] === 0 && v[at + QUADRATIC + 1] === 0;
   }
-  return { area, shape, exponent, still };
+  return { area, shape, opacity, still };
 }
 
 /** Return the number k of bits of each new Gaussian for an attribute, and their sum. */
-function countBits(entry, { area, shape, exponent, still }) {
+function countBits(entry, { area, shape, opacity, still }) {
   const counts = allocate(Uint8Array, area.length), { least, most } = entry;
   let total = 0;
   for (let n = 0; n < counts.length; n++) {
-    const weighted = entry.area * area[n] + entry.shape * shape[n] + entry.exponent * exponent[n];
-    const k = (weighted >> entry.shift) - least;
+    const weighted = entry.area * area[n] + entry.shape * shape[n] + entry.opacity * opacity[n];
+    const k = (weighted >> 3) - least;
     if (entry.slot < LINEAR || !still[n]) counts[n] = k < 0 ? 0 : k > most ? most : k;
     total += counts[n];
   }

@@ -78,6 +78,17 @@ export class RemoteFilm {
     return this.call("passage", index);
   }
 
+  /** Take out what moves at a place, as `Film.takeOut`; GOPs have to be asked for anew. */
+  takeOut(index, tau, place) {
+    this.gopsAtHand.clear();
+    return this.call("takeOut", index, tau, place);
+  }
+
+  bringBack() {
+    this.gopsAtHand.clear();
+    return this.call("bringBack");
+  }
+
   sounds() {
     return this.call("sounds");
   }

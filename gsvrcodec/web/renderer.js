@@ -1,40 +1,61 @@
 /** Draws Gaussians at any time and size with WebGL 2 (sections 8.2, 8.4 and 8.5). */
 
+import {
+  CHANNELS, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE, OPACITY_CHANNEL, QUADRATIC, SLOTS,
+} from "./attributes.js";
 import { GsvrError } from "./errors.js";
 import { bindTexture, makeTexture, Program, Target, targetFormat } from "./graphics.js";
+import { GROUND, MOST_LOG_OPACITY } from "./reconstruction.js";
 import {
   COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, SCREEN_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
   UP_FRAGMENT,
 } from "./shaders.js";
 
-/** Floats of a Gaussian: position, log_scale, rotation, colour, indicator, linear, quadratic. */
-const FLOATS = 13;
-/** Floats on the device: one more says whether it belongs to the moving layer. */
-const STRIDE = 14;
+/** Floats of a Gaussian on the device: one more says whether it belongs to the moving layer. */
+const STRIDE = SLOTS + 1;
 /** Of them: where each attribute of the programs starts, and how many floats it has. */
-const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 2]];
+const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 3]];
+/** Largest sum of opacities that is to fit in a target; 16-bit floats reach to twice as much. */
+const MOST_SUM = 2 ** 15;
+/** How many Gaussians of the largest opacity may lie one upon the other without leaving them. */
+const MOST_LAYERS = 64;
 const LEVELS = 5;
 /** Groups: still ones by level, then the others by level; and those that are not drawn. */
 const UNUSED = 2 * LEVELS;
 
 /** Return whether a Gaussian looks the same in all frames of its GOP (section 8.2). */
 function isStill(gaussians, at) {
-  return gaussians[at + 8] === 1 && gaussians[at + 9] === 0 && gaussians[at + 10] === 0
-    && gaussians[at + 11] === 0 && gaussians[at + 12] === 0;
+  return gaussians[at + INDICATOR] === 1
+    && gaussians[at + LINEAR] === 0 && gaussians[at + LINEAR + 1] === 0
+    && gaussians[at + QUADRATIC] === 0 && gaussians[at + QUADRATIC + 1] === 0;
+}
+
+/** Return the most by which a tri-plane can raise the logarithm of an opacity (section 8.2). */
+function largestBend({ xy, xt, yt }) {
+  return [xy, xt, yt].reduce((product, grid) => {
+    let most = 0;
+    for (let at = OPACITY_CHANNEL; at < grid.length; at += CHANNELS) {
+      most = Math.max(most, Math.abs(grid[at]));
+    }
+    return product * most;
+  }, 1);
 }
 
 /** The Gaussians and the tri-plane of one GOP on the device. */
 export class Scene {
-  /** `gop` has `gaussians`, `moving` and `grids` as `Film.gop` returns them. */
+  /** `gop` has `gaussians`, `moving`, `out`, `grids` and `blending` as `Film.gop` returns them. */
   constructor({ gl, format, black }, gop) {
     this.gl = gl;
     this.gaussians = gop.gaussians;
     this.isMoving = gop.moving;
-    this.count = gop.gaussians.length / FLOATS;
+    this.isOut = gop.out;
+    this.isMean = gop.blending === "mean";
+    this.count = gop.gaussians.length / SLOTS;
     this.moving = this.isMoving.reduce((sum, each) => sum + each, 0);
     this.buffer = gl.createBuffer();
     this.gridSize = gop.grids ? gop.grids.size : [0, 0, 0];
     this.grids = gop.grids ? this.upload(gop.grids) : [];
+    this.bend = gop.grids ? largestBend(gop.grids) : 0;
     this.black = black;
     this.arranged = "";
     this.starts = null;
@@ -58,6 +79,20 @@ export class Scene {
     this.stillKey = "";
   }
 
+  /** Return the factor of all weights, a power of two, that keeps sums in the range of targets. */
+  chooseScale() {
+    if (!this.isMean) return 1;
+    const { gaussians, bend } = this;
+    let largest = Math.exp(-MOST_LOG_OPACITY), total = largest;
+    for (let at = 0; at < gaussians.length; at += SLOTS) {
+      const log = gaussians[at + LOG_OPACITY] + Math.abs(1 - gaussians[at + INDICATOR]) * bend;
+      const opacity = Math.exp(Math.min(log, MOST_LOG_OPACITY));
+      if (opacity > largest) largest = opacity;
+      total += opacity;
+    }
+    return 2 ** Math.floor(Math.log2(MOST_SUM / Math.min(total, MOST_LAYERS * largest)));
+  }
+
   /**
    * Sort the Gaussians of some layers by level, still ones first, for pictures at `zoom`
    * (section 8.4).
@@ -66,14 +101,15 @@ export class Scene {
     const key = `${zoom} ${layers}`;
     if (key === this.arranged) return;
     this.arranged = key;
-    const { gaussians, isMoving, count, gl } = this;
+    this.scale = this.chooseScale();
+    const { gaussians, isMoving, isOut, count, gl } = this;
     const bounds = [1, 2, 3, 4].map((level) => Math.fround(Math.log(2 ** level / zoom)));
     const wanted = { all: [1, 1], standing: [1, 0], moving: [0, 1] }[layers];
     const group = new Uint8Array(count).fill(UNUSED);
     const starts = new Uint32Array(UNUSED + 1);
-    for (let n = 0, at = 0; n < count; n++, at += FLOATS) {
-      if (!wanted[isMoving[n]]) continue;
-      const smaller = Math.min(gaussians[at + 2], gaussians[at + 3]);
+    for (let n = 0, at = 0; n < count; n++, at += SLOTS) {
+      if (!wanted[isMoving[n]] || isOut?.[n]) continue;
+      const smaller = Math.min(gaussians[at + LOG_SCALE], gaussians[at + LOG_SCALE + 1]);
       let level = 0;
       while (level < 4 && smaller >= bounds[level]) level++;
       group[n] = isStill(gaussians, at) ? level : LEVELS + level;
@@ -82,11 +118,11 @@ export class Scene {
     for (let g = 0; g < UNUSED; g++) starts[g + 1] += starts[g];
     this.starts = [...starts];
     const sorted = new Float32Array(starts[UNUSED] * STRIDE);
-    for (let n = 0, at = 0; n < count; n++, at += FLOATS) {
+    for (let n = 0, at = 0; n < count; n++, at += SLOTS) {
       if (group[n] === UNUSED) continue;
       const place = starts[group[n]]++ * STRIDE;
-      sorted.set(gaussians.subarray(at, at + FLOATS), place);
-      sorted[place + FLOATS] = isMoving[n];
+      sorted.set(gaussians.subarray(at, at + SLOTS), place);
+      sorted[place + SLOTS] = isMoving[n];
     }
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
     gl.bufferData(gl.ARRAY_BUFFER, sorted, gl.DYNAMIC_DRAW);
@@ -116,6 +152,7 @@ export class Scene {
       gridYT: ["uniform1i", 2],
       gridSize: ["uniform3f", ...this.gridSize],
       tau: ["uniform1f", tau],
+      isMean: ["uniform1i", this.isMean],
     };
   }
 
@@ -194,7 +231,7 @@ export class Renderer {
     }
     const changes = scene.starts[UNUSED] > scene.starts[LEVELS];
     if (changes) this.drawPyramid(scene, tau, LEVELS, view, this.levels[0]);
-    this.drawToScreen(scene.still, changes ? this.levels[0] : null, view, opacity);
+    this.drawToScreen(scene, changes ? this.levels[0] : null, view, opacity);
   }
 
   /** Sum up the five groups from `firstGroup` on, in `picture` (section 8.5). */
@@ -220,6 +257,7 @@ export class Renderer {
           zoom: ["uniform2f", ...view.zoom],
           side: ["uniform1f", side],
           region: ["uniform4f", x0 / side, y0 / side, ...size],
+          scale: ["uniform1f", scene.scale],
         });
         scene.drawGroups(group, group + 1);
       }
@@ -237,7 +275,7 @@ export class Renderer {
     this.gl.drawArrays(this.gl.TRIANGLES, 0, 3);
   }
 
-  drawToScreen(still, changing, view, opacity) {
+  drawToScreen({ still, isMean, scale }, changing, view, opacity) {
     const { gl } = this;
     const [x0, y0, x1, y1] = view.region;
     const [xx, xy, yx, yy] = view.columns;
@@ -254,6 +292,8 @@ export class Renderer {
       shift: ["uniform2i", back(xx, xy, x0), back(yx, yy, y0)],
       inside: ["uniform4i", 0, 0, x1 - x0, y1 - y0],
       height: ["uniform1i", view.screen[1]],
+      isMean: ["uniform1i", isMean],
+      ground: ["uniform1f", GROUND * scale],
       opacity: ["uniform1f", opacity],
     });
     this.drawCover();

@@ -1,25 +1,33 @@
 /** The programs of the renderer (sections 8.2, 8.4 and 8.5), in GLSL ES 3.00. */
 
+import { CUTOFF, MIN_SCALE, MOST_LOG_OPACITY } from "./reconstruction.js";
+
 const HEAD = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
+const float MIN_SCALE = ${MIN_SCALE.toFixed(8)};
+const float CUTOFF = ${CUTOFF.toFixed(8)};
+const float REACH = ${Math.sqrt(-2 * Math.log(CUTOFF)).toFixed(8)};  // sigmas where a Gaussian ends
+const float MOST_LOG_OPACITY = ${MOST_LOG_OPACITY.toFixed(8)};
 `;
 
 /** The deformation of one Gaussian, an instance of a quad. */
 const DEFORM = `
 layout(location = 0) in vec4 place;       // position, log_scale
 layout(location = 1) in vec4 appearance;  // rotation, colour
-layout(location = 2) in vec4 motion;      // indicator, linear, quadratic.x
-layout(location = 3) in vec2 rest;        // quadratic.y, 1 = of the moving layer
+layout(location = 2) in vec4 motion;      // log_opacity, indicator, linear
+layout(location = 3) in vec3 rest;        // quadratic, 1 = of the moving layer
 
 uniform sampler2D gridXY, gridXT, gridYT;  // two texels a cell: channels 0-3 and 4-7
 uniform vec3 gridSize;                     // Gx, Gy, Gt; 0 = no tri-plane
 uniform float tau;
+uniform bool isMean;                       // how pictures are formed
 
 vec2 centre, scales;                       // mu; s, pixels of the coded frame
 vec2 turn;                                 // cosine and sine of theta
 vec3 colour;                               // c
+float opacity;                             // 1 where pictures are sums
 
 // Bilinear lookup of four channels: half 0 or 1.
 vec4 lookup(sampler2D grid, vec2 at, int part) {
@@ -48,17 +56,18 @@ vec2 cosineAndSine(float angle) {
 // Section 8.2.
 void deform() {
   vec4 shift = vec4(0.0), tint = vec4(0.0);
-  if (gridSize.x > 0.0 && motion.x != 1.0) {
+  if (gridSize.x > 0.0 && motion.y != 1.0) {
     vec3 last = gridSize - 1.0;
     vec3 at = clamp((vec3(place.xy, tau) + 1.0) / 2.0 * last, vec3(0.0), last);
-    float share = 1.0 - motion.x;
+    float share = 1.0 - motion.y;
     shift = share * lookup(gridXY, at.xy, 0) * lookup(gridXT, at.xz, 0) * lookup(gridYT, at.yz, 0);
     tint = share * lookup(gridXY, at.xy, 1) * lookup(gridXT, at.xz, 1) * lookup(gridYT, at.yz, 1);
   }
-  centre = place.xy + motion.yz * tau + vec2(motion.w, rest.x) * tau * tau + shift.xy;
-  scales = max(exp(place.zw) + shift.zw, 0.1);
+  centre = place.xy + motion.zw * tau + rest.xy * tau * tau + shift.xy;
+  scales = max(exp(place.zw) + shift.zw, MIN_SCALE);
   turn = cosineAndSine(appearance.x + tint.x);
-  colour = appearance.yzw + tint.yzw;
+  colour = appearance.yzw + (isMean ? vec3(0.0) : tint.yzw);
+  opacity = isMean ? exp(clamp(motion.x + tint.y, -MOST_LOG_OPACITY, MOST_LOG_OPACITY)) : 1.0;
 }
 `;
 
@@ -68,10 +77,11 @@ uniform vec2 frame;      // W, H
 uniform vec2 zoom;       // W / Wc, H / Hc
 uniform float side;      // of a pixel of the level, pixels of the frame: 2^l
 uniform vec4 region;     // origin and size of the drawn part, pixels of the level
+uniform float scale;     // of all weights
 
 flat out vec2 at;        // pixels of the region
-flat out vec4 toSigmas; // rows of the matrix that turns pixels into sigmas
-flat out vec3 weighted;  // c'
+flat out vec4 toSigmas;  // rows of the matrix that turns pixels into sigmas
+flat out vec4 factors;   // of the weight: of the colours, and of the weight itself
 
 void main() {
   deform();
@@ -84,7 +94,7 @@ void main() {
     v = max(square - 0.1875 * area, area / 2.0);
   }
   vec2 ratio = (square + 0.1) / v;
-  weighted = sqrt(ratio.x * ratio.y) * colour;
+  factors = scale * opacity * sqrt(ratio.x * ratio.y) * vec4(colour, 1.0);
 
   vec2 sigma = sqrt(v), d = zoom / side;
   vec2 first = turn * d * sigma.x;
@@ -93,25 +103,25 @@ void main() {
   toSigmas = vec4(second.y, -second.x, -first.y, first.x) / determinant;
   at = (centre + 1.0) * frame / (2.0 * side) - region.xy;
 
-  // sqrt(2 ln 64) sigmas, and what devices round corners by.
-  vec2 reach = 2.8840377 + 0.07 / vec2(length(first), length(second));
+  // And what devices round corners by.
+  vec2 reach = REACH + 0.07 / vec2(length(first), length(second));
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   vec2 pixel = at + corner.x * reach.x * first + corner.y * reach.y * second;
   gl_Position = vec4(pixel / region.zw * 2.0 - 1.0, 0.0, 1.0);
 }
 `;
 
-/** Section 8.5: the weight of one Gaussian at the middle of a pixel. */
+/** Section 8.5: what one Gaussian adds to the four sums at the middle of a pixel. */
 export const SPLAT_FRAGMENT = `${HEAD}
 flat in vec2 at;
 flat in vec4 toSigmas;
-flat in vec3 weighted;
+flat in vec4 factors;
 out vec4 sum;
 
 void main() {
   vec2 d = gl_FragCoord.xy - at;
   vec2 u = vec2(dot(toSigmas.xy, d), dot(toSigmas.zw, d));
-  sum = vec4(weighted * max(exp(-0.5 * dot(u, u)) - 0.015625, 0.0), 0.0);
+  sum = factors * max(exp(-0.5 * dot(u, u)) - CUTOFF, 0.0);
 }
 `;
 
@@ -124,13 +134,11 @@ void main() {
 
 /** up() of section 8.5 at one pixel. */
 const UP = `
-vec3 up(sampler2D coarse, ivec2 pixel, ivec2 size) {
+vec4 up(sampler2D coarse, ivec2 pixel, ivec2 size) {
   ivec2 near = pixel >> 1;
   ivec2 far = clamp(near + (pixel & 1) * 2 - 1, ivec2(0), size - 1);
-  vec3 a = texelFetch(coarse, near, 0).rgb * 0.75
-         + texelFetch(coarse, ivec2(far.x, near.y), 0).rgb * 0.25;
-  vec3 b = texelFetch(coarse, ivec2(near.x, far.y), 0).rgb * 0.75
-         + texelFetch(coarse, far, 0).rgb * 0.25;
+  vec4 a = texelFetch(coarse, near, 0) * 0.75 + texelFetch(coarse, ivec2(far.x, near.y), 0) * 0.25;
+  vec4 b = texelFetch(coarse, ivec2(near.x, far.y), 0) * 0.75 + texelFetch(coarse, far, 0) * 0.25;
   return a * 0.75 + b * 0.25;
 }
 `;
@@ -142,17 +150,19 @@ uniform ivec2 coarseSize;
 out vec4 sum;
 
 void main() {
-  sum = vec4(up(coarse, ivec2(gl_FragCoord.xy), coarseSize), 0.0);
+  sum = up(coarse, ivec2(gl_FragCoord.xy), coarseSize);
 }
 `;
 
-/** The codes of a picture, turned and moved to its place on the screen. */
+/** The codes of a picture, from its sums, turned and moved to its place on the screen. */
 export const SCREEN_FRAGMENT = `${HEAD}
 uniform sampler2D still, changing;
 uniform ivec4 turning;   // columns of the matrix from pixels of the screen to those of the region
 uniform ivec2 shift;     // added after it
 uniform ivec4 inside;    // the frame in pixels of the region: least, end
 uniform int height;      // of the screen
+uniform bool isMean;
+uniform float ground;    // its weight, by the scale of all weights
 uniform float opacity;
 out vec4 code;
 
@@ -160,7 +170,8 @@ void main() {
   ivec2 screen = ivec2(gl_FragCoord.x, float(height) - gl_FragCoord.y);
   ivec2 pixel = screen.x * turning.xy + screen.y * turning.zw + shift;
   if (any(lessThan(pixel, inside.xy)) || any(greaterThanEqual(pixel, inside.zw))) discard;
-  vec3 picture = texelFetch(still, pixel, 0).rgb + texelFetch(changing, pixel, 0).rgb;
+  vec4 sums = texelFetch(still, pixel, 0) + texelFetch(changing, pixel, 0);
+  vec3 picture = isMean ? sums.rgb / (ground + sums.a) : sums.rgb;
   code = vec4(floor(255.0 * clamp(picture, 0.0, 1.0) + 0.5) / 255.0, opacity);
 }
 `;
@@ -178,7 +189,7 @@ flat out vec4 ink;
 
 void main() {
   deform();
-  ink = mix(vec4(0.2, 0.8, 1.0, 0.6), vec4(1.0, 0.7, 0.0, 0.8), rest.y);
+  ink = mix(vec4(0.2, 0.8, 1.0, 0.6), vec4(1.0, 0.7, 0.0, 0.8), rest.z);
   vec2 first = turn * zoom * scales.x;
   vec2 second = vec2(-turn.y, turn.x) * zoom * scales.y;
   vec2 reach = 1.0 + 2.0 / vec2(length(first), length(second));

@@ -1,5 +1,6 @@
 /** The canvas: draws the picture of any time, at the size that the device has time for. */
 
+import { mix } from "./prediction.js";
 import { Renderer } from "./renderer.js";
 import { View } from "./view.js";
 
@@ -67,6 +68,30 @@ export class Stage {
     }
     if (film !== this.film) return;
     this.loading.delete(key);
+    this.changed();
+  }
+
+  /** Take out what moves at a place of the screen, pixels; return how many Gaussians it has. */
+  async takeOut(place) {
+    if (!this.shown) return 0;
+    const { index, tau, view } = this.shown;
+    const inFrame = view.pixelAt(place).map((at, axis) => 2 * at / view.frame[axis] - 1);
+    const count = await this.film.takeOut(index, tau, inFrame);
+    this.refresh();
+    return count;
+  }
+
+  /** Bring all back that was taken out. */
+  async bringBack() {
+    await this.film.bringBack();
+    this.refresh();
+  }
+
+  /** Ask for all GOPs anew. */
+  refresh() {
+    for (const { scene } of this.scenes.values()) scene.dispose();
+    this.scenes.clear();
+    this.picture = "";
     this.changed();
   }
 
@@ -145,7 +170,8 @@ export class Stage {
     if (this.film.gops[index + 1].reference === index) {
       const passage = this.passage(index);
       if (!passage) return this.faults.has(`passage ${index}`) ? alone : null;
-      mix(passage, next);
+      mix(passage, next, passage.gaussians);
+      passage.scene.replace(passage.gaussians);
       return [{ scene: passage.scene, tau: 0, opacity: 1 }];
     }
     const following = this.gop(index + 1);
@@ -175,9 +201,4 @@ export class Stage {
     this.renderer.draw(scene, tau, new View({ coded: [width, height], frame, screen }));
     return this.renderer.read(0, screen[1] - frame[1], ...frame);
   }
-}
-
-function mix({ from, to, gaussians, scene }, weight) {
-  for (let n = 0; n < from.length; n++) gaussians[n] = (1 - weight) * from[n] + weight * to[n];
-  scene.replace(gaussians);
 }

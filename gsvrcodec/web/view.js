@@ -26,13 +26,16 @@ export class View {
     this.region = this.visible();
   }
 
+  /** Return the pixel of the frame, not rounded, at a place of the screen. */
+  pixelAt([column, row]) {
+    const [xx, xy, yx, yy] = this.columns;
+    const dx = column - this.shift[0], dy = row - this.shift[1];
+    return [xx * dx + xy * dy, yx * dx + yy * dy];
+  }
+
   /** Return the part of the frame that is seen: x0, y0, x1, y1, with x0 and y0 on all levels. */
   visible() {
-    const [xx, xy, yx, yy] = this.columns;
-    const at = [[0, 0], this.screen].map(([column, row]) => {
-      const dx = column - this.shift[0], dy = row - this.shift[1];
-      return [xx * dx + xy * dy, yx * dx + yy * dy];
-    });
+    const at = [[0, 0], this.screen].map((corner) => this.pixelAt(corner));
     const result = [0, 0, 0, 0];
     for (const axis of [0, 1]) {
       const least = Math.min(at[0][axis], at[1][axis]), most = Math.max(at[0][axis], at[1][axis]);

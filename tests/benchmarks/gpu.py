@@ -2,7 +2,8 @@
 
 Parts: "correctness" against the CPU, "render" (frames a second from parameters on the device to
 samples on the device), "training" (steps a second), "encode" (PSNR against seconds a frame on the
-benchmark clip). Shares of the peaks are of what a copy and a float32 matrix product reach here.
+benchmark clip). All but "encode" measure pictures that are means and such that are sums. Shares of
+the peaks are of what a copy and a float32 matrix product reach here.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, get_args
 
 import click
 import numpy as np
@@ -27,8 +29,9 @@ from gsvrcodec.errors import GsvrError
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.recipe import MAIN
+from gsvrcodec.fit.recipe import MAIN, PAPER
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render import backend_on, render_frames
 from gsvrcodec.render.device import choose_device
 from tests.benchmarks.machine import machine
@@ -42,8 +45,11 @@ GAUSSIANS = (10_000, 20_000, 40_000, 80_000)
 BUDGETS = (0.5, 1.0, 2.0)  # seconds a frame
 FRAMES = 24  # of a GOP
 TAUS = np.linspace(-1, 1, FRAMES, dtype=np.float32)
-#: Operations for one pixel of one Gaussian: offsets 3, exponent 6, power 1, cut-off 2, colours 6.
-FLOPS_PER_PIXEL = 18
+BLENDINGS: tuple[Blending, ...] = get_args(Blending)
+#: Operations for one pixel of one Gaussian: offsets 3, exponent 6, power 1, cut-off 2, sums 6 or 8.
+FLOPS_PER_PIXEL: dict[Blending, int] = {"mean": 20, "sum": 18}
+#: Without a coarse stage and relocations.
+RECIPES = {"mean": replace(MAIN, coarse=0.0, relocations=()), "sum": PAPER}
 
 Row = dict[str, Any]
 
@@ -57,6 +63,7 @@ def typical_gop(gaussians: int, size: tuple[int, int], seed: int = 0) -> Gop:
         "log_scale": np.log(0.45 * spacing) + r.normal(0, 0.6, (gaussians, 2)),
         "rotation": r.uniform(0, np.pi, gaussians),
         "colour": r.uniform(0, 0.6, (gaussians, 3)),
+        "log_opacity": r.normal(0, 1, gaussians),
         "indicator": r.uniform(0, 1, gaussians),
         "linear": r.normal(0, 0.02, (gaussians, 2)),
         "quadratic": r.normal(0, 0.01, (gaussians, 2)),
@@ -94,32 +101,35 @@ def peaks(device: str) -> Row:
     copied = 2 * source.nbytes / seconds_of(lambda: target.copy_(source), device)
     side = 8192
     factor = source[: side * side].view(side, side)
-    product = 2 * side**3 / seconds_of(lambda: factor @ factor, device)
-    return {"bytes_per_second": copied, "flops_per_second": product}
+    multiplied = 2 * side**3 / seconds_of(lambda: factor @ factor, device)
+    return {"bytes_per_second": copied, "flops_per_second": multiplied}
 
 
 def correctness(device: str) -> list[Row]:
     """Samples and gradients against the CPU."""
     rows = []
-    for size, coded in (
+    sizes = (
         ((640, 360), (640, 360)),
         ((333, 201), (640, 360)),
         ((962, 541), (640, 360)),
-    ):
+    )
+    for blending, (size, coded) in product(BLENDINGS, sizes):
         gop = typical_gop(6000, coded)
-        expected = render_frames(gop, TAUS, size, coded).astype(int)
-        difference = np.abs(render_frames(gop, TAUS, size, coded, device=device) - expected)
-        again = render_frames(gop, TAUS, size, coded, device=device)
+        how = partial(render_frames, gop, TAUS, size, coded, blending=blending)
+        expected = how().astype(int)
+        difference = np.abs(how(device=device) - expected)
+        again = how(device=device)
         target = np.random.default_rng(1).integers(0, 256, (size[1], size[0], 3), np.uint8)
         gradients = []
         for place in "cpu", device:
-            backend = backend_on(place)
+            backend = backend_on(place, blending=blending)
             field = Field(gop, "hybrid", backend)
             found = field.gradients(field.tensors(), 0.3, backend.upload(target), coded)
             gradients.append({name: gradient.cpu() for name, gradient in found.items()})
         on_cpu, on_gpu = gradients
         rows.append(
             {
+                "blending": blending,
                 "size": size,
                 "coded_size": coded,
                 "largest_difference": int(difference.max()),
@@ -136,53 +146,59 @@ def correctness(device: str) -> list[Row]:
 def rendering(device: str, ceiling: Row) -> list[Row]:
     """Frames a second, all of a GOP in one pass, nothing copied to the host."""
     from gsvrcodec.render.triton import empty_codes, render, upload
-    from gsvrcodec.render.triton.launch import Pass
+    from gsvrcodec.render.triton.launch import Pass, sums_of
 
     rows = []
-    for size in SIZES:
-        for gaussians in GAUSSIANS:
-            parameters = upload(typical_gop(gaussians, size), torch.device(device))
-            taus = torch.from_numpy(TAUS).to(device)
-            out = empty_codes((FRAMES, size[1], size[0], 3), 8, device)
-            call = partial(render, parameters, taus, size, size, bit_depth=8, out=out)
-            fps = FRAMES / seconds_of(call, device)
-            pixels = Pass(parameters, taus, size, size).pixels_drawn() / FRAMES
-            # Samples of 4/3 of the frame's pixels written and read, and the codes.
-            moved = size[0] * size[1] * 3 * (2 * 4 * 4 / 3 + 1)
-            rows.append(
-                {
-                    "size": size,
-                    "gaussians": gaussians,
-                    "fps": fps,
-                    "pixels_per_frame": pixels,
-                    "share_of_arithmetic": FLOPS_PER_PIXEL
-                    * pixels
-                    * fps
-                    / ceiling["flops_per_second"],
-                    "share_of_bandwidth": moved * fps / ceiling["bytes_per_second"],
-                }
-            )
+    for size, gaussians, blending in product(SIZES, GAUSSIANS, BLENDINGS):
+        parameters = upload(typical_gop(gaussians, size), torch.device(device))
+        taus = torch.from_numpy(TAUS).to(device)
+        out = empty_codes((FRAMES, size[1], size[0], 3), 8, device)
+        how = parameters, taus, size, size
+        call = partial(render, *how, blending=blending, bit_depth=8, out=out)
+        fps = FRAMES / seconds_of(call, device)
+        pixels = Pass(*how, blending).pixels_drawn() / FRAMES
+        flops = FLOPS_PER_PIXEL[blending] * pixels * fps
+        # Sums of 4/3 of the frame's pixels written and read, and the codes.
+        moved = size[0] * size[1] * (sums_of(blending) * 2 * 4 * 4 / 3 + 3)
+        rows.append(
+            {
+                "size": size,
+                "gaussians": gaussians,
+                "blending": blending,
+                "fps": fps,
+                "pixels_per_frame": pixels,
+                "share_of_arithmetic": flops / ceiling["flops_per_second"],
+                "share_of_bandwidth": moved * fps / ceiling["bytes_per_second"],
+            }
+        )
     return rows
 
 
 def training(device: str) -> list[Row]:
     """Steps a second of the whole loop: forward, backward and Adam, one frame a step."""
-    recipe, steps = replace(MAIN, coarse=0.0, relocations=()), 400
+    steps = 400
     rows = []
-    for size in SIZES:
-        for gaussians in GAUSSIANS:
-            goal = typical_gop(gaussians, size, 1)
-            frames = np.asarray(render_frames(goal, TAUS, size, size, device=device), np.uint8)
-            footage = Footage(frames, TAUS)
-            field = Field(typical_gop(gaussians, size), "hybrid", backend_on(device))
-            rng = np.random.default_rng(0)
-            optimise(field, footage, recipe, Effort(20), rng)
-            torch.cuda.synchronize(device)
-            start = time.perf_counter()
-            optimise(field, footage, recipe, Effort(steps), rng)
-            torch.cuda.synchronize(device)
-            pace = steps / (time.perf_counter() - start)
-            rows.append({"size": size, "gaussians": gaussians, "steps_per_second": pace})
+    for size, gaussians, blending in product(SIZES, GAUSSIANS, BLENDINGS):
+        goal, recipe = typical_gop(gaussians, size, 1), RECIPES[blending]
+        frames = render_frames(goal, TAUS, size, size, device=device, blending=blending)
+        footage = Footage(np.asarray(frames, np.uint8), TAUS)
+        backend = backend_on(device, blending=blending)
+        field = Field(typical_gop(gaussians, size), "hybrid", backend)
+        rng = np.random.default_rng(0)
+        optimise(field, footage, recipe, Effort(20), rng)
+        torch.cuda.synchronize(device)
+        start = time.perf_counter()
+        optimise(field, footage, recipe, Effort(steps), rng)
+        torch.cuda.synchronize(device)
+        pace = steps / (time.perf_counter() - start)
+        rows.append(
+            {
+                "size": size,
+                "gaussians": gaussians,
+                "blending": blending,
+                "steps_per_second": pace,
+            }
+        )
     return rows
 
 

@@ -2,9 +2,10 @@
 
 Prints milliseconds of a forward render (deformation, rasterisation, conversion to uint8 RGB) and of
 a training step (forward, squared error, gradients of all parameters, Adam) by instruction set and
-number of threads, against a plain kernel (scalar source over 16x32 tiles, vectorised by the
-compiler, without deformation) that runs on the same threads in the same run. The plain kernel is
-built first, with g++, cmake and ninja.
+number of threads, for pictures that are means and for sums of as many Gaussians, against a plain
+kernel (scalar source over 16x32 tiles, vectorised by the compiler; sums, without deformation) that
+runs on the same threads in the same run. The two kinds take turns, and a table has the ratios of
+their times. The plain kernel is built first, with g++, cmake and ninja.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.order import strip_order
-from gsvrcodec.model.reconstruction import CUTOFF, DILATION
+from gsvrcodec.model.reconstruction import CUTOFF, DILATION, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import parameters
 from tests.benchmarks.machine import machine
@@ -32,8 +34,9 @@ from tests.benchmarks.native import Baseline
 SIZE = (1280, 640)
 GAUSSIANS = 40_000
 HEIGHTS = (360, 720, 1080, 2160)
-#: Multiply-adds of one Gaussian at one pixel: two of the recurrence, one a colour.
-MULTIPLY_ADDS = 5
+BLENDINGS: tuple[Blending, ...] = get_args(Blending)
+#: Multiply-adds of one Gaussian at one pixel: two of the recurrence, one a colour, one of a weight.
+MULTIPLY_ADDS: dict[Blending, int] = {"mean": 6, "sum": 5}
 
 
 def background(n: int = GAUSSIANS) -> Gop:
@@ -46,6 +49,7 @@ def background(n: int = GAUSSIANS) -> Gop:
         "log_scale": np.log(2.6) + r.normal(0, 0.5, (n, 2)),
         "rotation": r.uniform(0, np.pi, n),
         "colour": r.uniform(0, 0.2, (n, 3)),
+        "log_opacity": np.zeros(n),
         "indicator": np.full(n, 0.88),
         "linear": r.normal(0, 0.01, (n, 2)),
         "quadratic": r.normal(0, 0.002, (n, 2)),
@@ -67,6 +71,7 @@ class Row:
     """One line of the table; times are medians in milliseconds."""
 
     isa: str
+    blending: Blending
     threads: int
     gaussians: int
     width: int
@@ -81,14 +86,33 @@ class Row:
     speedup: float | None  #: plain / forward
 
 
-def median_ms(call: Callable[[], object], repeat: int) -> float:
-    call()
-    times = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return statistics.median(times) * 1e3
+Times = dict[Blending, list[float]]  #: milliseconds of each run
+
+
+def times_ms(call: Callable[[bool], object], repeat: int) -> Times:
+    """Times of a call that gets whether pictures are means, by turns."""
+    times: Times = {blending: [] for blending in BLENDINGS}
+    for warm in (True, *[False] * repeat):
+        for blending, own in times.items():
+            start = time.perf_counter()
+            call(blending == "mean")
+            if not warm:
+                own.append((time.perf_counter() - start) * 1e3)
+    return times
+
+
+def ratio(times: Times) -> float:
+    """Median of a mean's time over that of the sum beside it."""
+    return statistics.median(m / s for m, s in zip(times["mean"], times["sum"], strict=True))
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Times of means over those of sums of as many Gaussians."""
+
+    forward: float
+    batch: float
+    step: float
 
 
 def measure(
@@ -99,7 +123,8 @@ def measure(
     threads: int,
     repeat: int,
     plain: bool,
-) -> Row:
+) -> tuple[list[Row], Ratios]:
+    """Rows of both blendings."""
     width, height = size
     core = parameters(gop)
     gradient = Gop(**{name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__})
@@ -113,42 +138,56 @@ def measure(
     taus = np.linspace(-1, 1, 8, dtype=np.float32)
     steps = 0
 
-    def step() -> None:
+    def step(mean: bool) -> None:
         nonlocal steps
         steps += 1
-        _core.squared_error(core, 0.1, target, *coded, gradient_core, threads)
+        _core.squared_error(core, 0.1, target, *coded, mean, gradient_core, threads)
         for name, (m, v, rate) in zip(Gop.__slots__, moments, strict=True):
             value, slope = getattr(gop, name), getattr(gradient, name)
             _core.adam_step(value, slope, m, v, rate, 0.9, 0.99, 1e-15, steps, threads)
 
-    forward = median_ms(lambda: _core.render_rgb8(core, taus[:1], out[:1], *coded, threads), repeat)
-    batch = median_ms(lambda: _core.render_rgb8(core, taus, out, *coded, threads), repeat) / 8
-    step_ms = median_ms(step, repeat)
+    def render(mean: bool, frames: int) -> None:
+        _core.render_rgb8(core, taus[:frames], out[:frames], *coded, mean, threads)
+
+    forwards = times_ms(lambda mean: render(mean, 1), repeat)
+    batches = times_ms(lambda mean: render(mean, 8), repeat)
+    steps_ms = times_ms(step, repeat)
     isa = _core.isa()
-    plain_ms = (
-        median_ms(lambda: baseline.render(gop, isa, threads, out[0]), repeat) if plain else None
-    )
-    rate = evaluations(gop, height / coded[1]) / batch * 1e3
+    plain_ms = None
+    if plain:
+        runs = times_ms(lambda _: baseline.render(gop, isa, threads, out[0]), repeat)
+        plain_ms = statistics.median([*runs["mean"], *runs["sum"]])
     peak = statistics.median(baseline.multiply_adds_per_second(isa, threads) for _ in range(5))
-    return Row(
-        isa=isa,
-        threads=threads,
-        gaussians=len(gop),
-        width=width,
-        height=height,
-        forward=forward,
-        batch=batch,
-        step=step_ms,
-        plain=plain_ms,
-        evaluations_per_s=rate / 1e9,
-        peak_fraction=rate * MULTIPLY_ADDS / peak,
-        step_ratio=step_ms / forward,
-        speedup=plain_ms / forward if plain_ms else None,
-    )
+    rows = []
+    for blending in BLENDINGS:
+        forward, batch, step_ms = (
+            statistics.median(times[blending]) for times in (forwards, batches, steps_ms)
+        )
+        batch /= 8
+        rate = evaluations(gop, height / coded[1]) / batch * 1e3
+        rows.append(
+            Row(
+                isa=isa,
+                blending=blending,
+                threads=threads,
+                gaussians=len(gop),
+                width=width,
+                height=height,
+                forward=forward,
+                batch=batch,
+                step=step_ms,
+                plain=plain_ms,
+                evaluations_per_s=rate / 1e9,
+                peak_fraction=rate * MULTIPLY_ADDS[blending] / peak,
+                step_ratio=step_ms / forward,
+                speedup=plain_ms / forward if plain_ms else None,
+            )
+        )
+    return rows, Ratios(ratio(forwards), ratio(batches), ratio(steps_ms))
 
 
 HEADINGS = (
-    *("isa", "threads", "N", "W", "H", "forward", "batch", "step", "plain"),
+    *("isa", "pictures", "threads", "N", "W", "H", "forward", "batch", "step", "plain"),
     *("Geval/s", "of peak", "step/fwd", "plain/fwd"),
 )
 
@@ -160,6 +199,19 @@ def show(row: Row) -> None:
         text = "" if value is None else f"{value:.2f}" if isinstance(value, float) else str(value)
         cells.append(text.rjust(max(8, len(heading))))
     print(*cells, flush=True)
+
+
+def show_ratios(ratios: list[tuple[Row, Ratios]]) -> None:
+    """A table of what means cost over sums of as many Gaussians."""
+    names = [field.name for field in fields(Ratios)]
+    print("\nmean over sum, medians of the ratios")
+    print(*(h.rjust(8) for h in ("isa", "threads", "N", "W", "H", *names)))
+    for row, own in ratios:
+        cells = (row.isa, row.threads, row.gaussians, row.width, row.height)
+        print(
+            *(str(cell).rjust(8) for cell in cells),
+            *(f"{getattr(own, name):8.2f}" for name in names),
+        )
 
 
 def show_costs(title: str, costs: dict[str, float]) -> None:
@@ -189,15 +241,18 @@ def main() -> None:
     print(*(h.rjust(8) for h in HEADINGS))
     isas = options.isa or _core.isas()
     counts = options.threads or sorted({1, os.cpu_count() or 1})
-    rows = []
+    rows: list[Row] = []
+    ratios: list[tuple[Row, Ratios]] = []
 
     def run(
         gop: Gop, size: tuple[int, int], coded: tuple[int, int], threads: int, plain: bool
     ) -> Row:
-        row = measure(baseline, gop, size, coded, threads, options.repeat, plain)
-        rows.append(row)
-        show(row)
-        return row
+        both, of_both = measure(baseline, gop, size, coded, threads, options.repeat, plain)
+        rows.extend(both)
+        ratios.append((both[0], of_both))
+        for row in both:
+            show(row)
+        return both[BLENDINGS.index("mean")]
 
     for isa in isas:
         _core.use_isa(isa)
@@ -222,6 +277,7 @@ def main() -> None:
             "ms a megapixel, scales in proportion",
             {k: r.batch / (r.width * r.height) * 1e6 for k, r in by_height.items()},
         )
+    show_ratios(ratios)
     if options.json:
         result = about | {"rows": [asdict(row) for row in rows]}
         options.json.write_text(json.dumps(result, indent=1) + "\n")

@@ -26,6 +26,7 @@ from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.reconstruction import CUTOFF, DILATION, MIN_VARIANCE, UPSAMPLING
 from gsvrcodec.play.collection import open_collection
 from gsvrcodec.play.export import export_page
 from gsvrcodec.play.serve import open_server
@@ -39,7 +40,7 @@ ROUNDS = 5
 SEEKS = 60
 
 #: Half a side of a quad, sigmas: where the weight of a Gaussian is zero.
-REACH = float(np.sqrt(2 * np.log(64)))
+REACH = float(np.sqrt(-2 * np.log(CUTOFF)))
 
 
 def encode(folder: Path) -> dict[str, Path]:
@@ -168,7 +169,8 @@ def fragments(gop: Gop, coded: tuple[int, int]) -> tuple[int, float]:
     level = (logs.min(axis=1)[:, None] >= bounds).sum(axis=1)[:, None]
     area = 4.0**level
     squared = np.exp(2 * logs)
-    fine, coarse = squared + 0.1, np.maximum(squared - 3 / 16 * area, area / 2)
+    fine = squared + DILATION
+    coarse = np.maximum(squared - UPSAMPLING * area, MIN_VARIANCE * area)
     sides = 2 * (REACH * np.sqrt(np.where(level == 0, fine, coarse) / area) + 0.07)
     return len(logs), float(np.minimum(sides.prod(axis=1), coded[0] * coded[1] / area[:, 0]).sum())
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import reference
 from gsvrcodec.render.native import parameters
@@ -55,6 +55,17 @@ class Example:
         """Whether pictures are means."""
         return self.blending == "mean"
 
+    def backdrop(self, seed: int = 7) -> Float32Array:
+        """Sums (H, W, 4) of a solid backdrop: weights of 0.5 to 1, and as much colour.
+
+        Where nothing else is, the edge of a Gaussian counts as much as its middle: a weight of
+        1/1024 there is half the frame, and single precision gives it three digits if the Gaussian
+        is thin. Over a backdrop no such pixel hides what the others say.
+        """
+        width, height = self.size
+        sums = np.random.default_rng(seed).uniform(0.5, 1, (height, width, 4))
+        return sums.astype(np.float32)
+
 
 def _shaped(sigma_px: tuple[float, float], n: int = 20) -> Gop:
     gop = random_gop(n, seed=n)
@@ -78,6 +89,33 @@ def _opacities(spread: float) -> Gop:
     """Gaussians of which some hide all others, beyond the bounds too."""
     gop = random_gop(60, seed=3)
     gop.log_opacity[:] *= spread / 2
+    return gop
+
+
+def at_bounds(gop: Gop) -> Gop:
+    """The same GOP, its opacities the least and the greatest by turns."""
+    gop.log_opacity[0::2], gop.log_opacity[1::2] = -MOST_LOG_OPACITY, MOST_LOG_OPACITY
+    return gop
+
+
+def faint(gop: Gop) -> Gop:
+    """The same GOP, all of whose opacities are the least."""
+    gop.log_opacity[:] = -MOST_LOG_OPACITY
+    return gop
+
+
+def hidden(gop: Gop) -> Gop:
+    """The same GOP, whose first Gaussian hides the others in the middle of the frame."""
+    gop.position[0] = gop.linear[0] = gop.quadratic[0] = 0
+    gop.indicator[0], gop.log_scale[0] = 1, np.log(3)
+    gop.colour[0], gop.log_opacity[0] = (0.2, 0.5, 0.7), MOST_LOG_OPACITY
+    return gop
+
+
+def covered(gop: Gop) -> Gop:
+    """The same GOP, whose first Gaussian covers any frame evenly."""
+    gop.position[0] = gop.linear[0] = gop.quadratic[0] = 0
+    gop.indicator[0], gop.log_scale[0], gop.log_opacity[0] = 1, np.log(3000), 0
     return gop
 
 
@@ -113,6 +151,9 @@ EXAMPLES = {
     "larger": Example(random_gop(20), (150, 140), (64, 48)),
     "stretched": Example(random_gop(20), (20, 140), (96, 48)),
     "opaque": Example(_opacities(8.0)),
+    "at bounds": Example(at_bounds(static(random_gop(50), slice(20)))),
+    "faint": Example(faint(random_gop(30))),
+    "hidden": Example(hidden(random_gop(30))),
 }
 
 
@@ -141,6 +182,9 @@ SMALL = {
     "half static": Example(static(random_gop(9), slice(None, None, 2)), (13, 9), (13, 9)),
     "1x1": Example(all_levels(5, 1.0), (1, 1), (1, 1)),
     "none": Example(random_gop(0), (5, 3), (5, 3)),
+    "at bounds": Example(at_bounds(static(random_gop(12), slice(4))), (23, 14), (23, 14)),
+    "faint": Example(faint(all_levels(9, 0.5)), (14, 9), (14, 9)),
+    "hidden": Example(hidden(random_gop(9)), (33, 20), (33, 20)),
 }
 SMALL |= sums(SMALL)
 
@@ -160,8 +204,27 @@ def empty_gradient(gop: Gop) -> Gop:
     return Gop(**{name: np.full_like(getattr(gop, name), np.nan) for name in Gop.__slots__})
 
 
+def native_sums(example: Example, tau: float = TAU) -> Float32Array:
+    """The sums (H, W, 4) that a frame is made of."""
+    width, height = example.size
+    out = np.full((1, height, width, 4), np.nan, np.float32)
+    taus = np.array([tau], np.float32)
+    _core.render_sums(parameters(example.gop), taus, out, *example.coded_size, example.mean, 1)
+    sums: Float32Array = out[0]
+    return sums
+
+
+def frame_of(example: Example, sums: NDArray[np.floating]) -> NDArray[np.floating]:
+    """The frame (H, W, 3) that sums (H, W, 4) make."""
+    return sums[..., :3] / (sums[..., 3:] + GROUND) if example.mean else sums[..., :3]
+
+
 def native_gradients(
-    example: Example, weights: Float32Array, tau: float = TAU, threads: int = 1
+    example: Example,
+    weights: Float32Array,
+    tau: float = TAU,
+    threads: int = 1,
+    backdrop: Float32Array | None = None,
 ) -> Gradients:
     """Gradients of sum(frame * weights)."""
     gradient = empty_gradient(example.gop)
@@ -173,6 +236,7 @@ def native_gradients(
         example.mean,
         parameters(gradient),
         threads,
+        backdrop,
     )
     return {name: getattr(gradient, name) for name in Gop.__slots__}
 
@@ -199,6 +263,18 @@ def reference_render(
         for name, tensor in tensors.items()
     }
     return frame.detach().numpy(), gradients
+
+
+def reference_sums(example: Example) -> NDArray[np.float64]:
+    """The sums (H, W, 4) that a frame is made of."""
+    tensors = {
+        name: torch.tensor(getattr(example.gop, name), dtype=torch.float64)
+        for name in Gop.__slots__
+    }
+    sums: NDArray[np.float64] = reference.render_sums(
+        tensors, TAU, example.size, example.coded_size, example.blending
+    ).numpy()
+    return sums
 
 
 def assert_gradients_close(actual: Gradients, expected: Gradients) -> None:

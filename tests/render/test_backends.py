@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -12,28 +14,36 @@ from numpy.typing import NDArray
 if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # before Triton is loaded
 
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
 from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
 from tests.render.examples import SMALL, TAU, Example, Gradients
 
-REFERENCE = ReferenceBackend()
 each_example = pytest.mark.parametrize("example", SMALL.values(), ids=SMALL)
+each_blending = pytest.mark.parametrize("blending", ["mean", "sum"])
+
+#: A backend of each blending.
+Backends = Callable[[Blending], Backend]
 
 
-def _triton() -> Backend:
+def _native(blending: Blending) -> Backend:
+    return NativeBackend(2, blending)
+
+
+def _triton(blending: Blending) -> Backend:
     from gsvrcodec.render.triton import TritonBackend
 
-    return TritonBackend("cuda:0" if torch.cuda.is_available() else "cpu")
+    return TritonBackend("cuda:0" if torch.cuda.is_available() else "cpu", blending)
 
 
-@pytest.fixture(params=["native", "triton"], scope="module")
-def backend(request: pytest.FixtureRequest) -> Backend:
-    if request.param == "native":
-        return NativeBackend(2)
-    return _triton()
+@pytest.fixture(params=[_native, _triton], ids=["native", "triton"])
+def backends(request: pytest.FixtureRequest) -> Backends:
+    made: Backends = request.param
+    return made
 
 
 def arrays(gop: Gop) -> Gradients:
@@ -50,25 +60,55 @@ def noise(example: Example, seed: int = 1) -> NDArray[np.float32]:
     return np.random.default_rng(seed).normal(size=(height, width, 3)).astype(np.float32)
 
 
+def two(backends: Backends, blending: Blending) -> tuple[Backend, Backend]:
+    """The reference, and the backend that is compared with it."""
+    return ReferenceBackend(blending), backends(blending)
+
+
+def sums(backend: Backend, example: Example, gop: Gop | None = None) -> Float32Array:
+    """Sums of the example, or of another GOP in its place."""
+    prepared = backend.prepare(example.gop if gop is None else gop)
+    return backend.sums(prepared, TAU, example.size, example.coded_size)
+
+
+def a_target(example: Example) -> NDArray[np.uint8]:
+    width, height = example.size
+    return np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
+
+
 @each_example
-def test_picture(backend: Backend, example: Example) -> None:
+def test_picture(backends: Backends, example: Example) -> None:
     expected, actual = (
         each.picture(each.prepare(example.gop), TAU, example.size, example.coded_size)
-        for each in (REFERENCE, backend)
+        for each in two(backends, example.blending)
     )
     assert actual.dtype == np.float32
     assert actual.shape == expected.shape == (*example.size[::-1], 3)
     assert np.abs(actual - expected).max() <= 1e-4 * max(1.0, np.abs(expected).max())
 
 
+@each_example
+def test_sums(backends: Backends, example: Example) -> None:
+    reference, backend = two(backends, example.blending)
+    expected, actual = sums(reference, example), sums(backend, example)
+    assert actual.dtype == np.float32
+    assert actual.shape == expected.shape == (*example.size[::-1], 4)
+    channels = 4 if example.mean else 3  # the last has no meaning where pictures are sums
+    actual, expected = actual[..., :channels], expected[..., :channels]
+    assert np.abs(actual - expected).max() <= 1e-5 * np.abs(expected).max()
+    picture = backend.picture(backend.prepare(example.gop), TAU, example.size, example.coded_size)
+    np.testing.assert_allclose(picture, examples.frame_of(example, actual), rtol=1e-5, atol=1e-30)
+
+
+@each_blending
 @pytest.mark.parametrize("bit_depth", [8, 16])
-def test_render(backend: Backend, bit_depth: int) -> None:
+def test_render(backends: Backends, blending: Blending, bit_depth: int) -> None:
     example, taus = SMALL["smaller"], np.array([-1, 0.25, 0.9], np.float32)
     expected, actual = (
         each.render(
             each.prepare(example.gop), taus, example.size, example.coded_size, bit_depth=bit_depth
         )
-        for each in (REFERENCE, backend)
+        for each in two(backends, blending)
     )
     assert actual.dtype == expected.dtype == (np.uint8 if bit_depth == 8 else np.uint16)
     assert actual.shape == expected.shape == (3, *example.size[::-1], 3)
@@ -78,7 +118,8 @@ def test_render(backend: Backend, bit_depth: int) -> None:
         assert (difference > 0).mean() <= 1e-3
 
 
-def test_render_fills_what_it_gets(backend: Backend) -> None:
+def test_render_fills_what_it_gets(backends: Backends) -> None:
+    backend = backends("mean")
     example, taus = SMALL["1x1"], np.array([0.5, -0.5], np.float32)
     prepared = backend.prepare(example.gop)
     expected = backend.render(prepared, taus, example.size, example.coded_size)
@@ -88,24 +129,35 @@ def test_render_fills_what_it_gets(backend: Backend) -> None:
 
 
 @each_example
-def test_gradient(backend: Backend, example: Example) -> None:
+def test_gradient(backends: Backends, example: Example) -> None:
     weights = noise(example)
     expected, actual = (
         each.gradient(example.gop, TAU, weights, example.coded_size)
-        for each in (REFERENCE, backend)
+        for each in two(backends, example.blending)
     )
     examples.assert_gradients_close(arrays(actual), arrays(expected))
 
 
-@pytest.mark.parametrize("behind", [False, True], ids=["black", "backdrop"])
-@pytest.mark.parametrize("name", ["smaller", "none"])
-def test_squared_error(backend: Backend, name: str, behind: bool) -> None:
+@pytest.mark.parametrize("name", ["smaller", "sum, smaller", "hidden", "faint", "none"])
+def test_gradient_over_a_backdrop(backends: Backends, name: str) -> None:
     example = SMALL[name]
-    width, height = example.size
-    target = np.random.default_rng(2).integers(0, 256, (height, width, 3), np.uint8)
-    backdrop = 0.3 * noise(example, 3) if behind else None
+    weights, backdrop = noise(example), example.backdrop()
+    expected, actual = (
+        each.gradient(example.gop, TAU, weights, example.coded_size, each.upload(backdrop))
+        for each in two(backends, example.blending)
+    )
+    examples.assert_gradients_close(arrays(actual), arrays(expected))
+
+
+@each_blending
+@pytest.mark.parametrize("behind", [False, True], ids=["ground", "backdrop"])
+@pytest.mark.parametrize("name", ["smaller", "none"])
+def test_squared_error(backends: Backends, blending: Blending, name: str, behind: bool) -> None:
+    example = SMALL[name]
+    target = a_target(example)
+    backdrop = example.backdrop() if behind else None
     losses, gradients = [], []
-    for each in (REFERENCE, backend):
+    for each in two(backends, blending):
         error, found = each.squared_error(
             tensors(example.gop, each),
             TAU,
@@ -120,15 +172,85 @@ def test_squared_error(backend: Backend, name: str, behind: bool) -> None:
     examples.assert_gradients_close(gradients[1], gradients[0])
 
 
+@each_blending
+def test_what_stands_still_as_a_backdrop(backends: Backends, blending: Blending) -> None:
+    """All Gaussians in one picture, or those that move over the sums of the others."""
+    gop = examples.static(examples.random_gop(20), slice(8))
+    example = Example(gop, (17, 13), (17, 13), blending)
+    still, moving = (select_gaussians(gop, (np.arange(20) < 8) == chosen) for chosen in (1, 0))
+    backend, target = backends(blending), a_target(example)
+    whole = sums(backend, example)
+    backdrop = sums(backend, example, still)
+    parts = backdrop + sums(backend, example, moving)
+    np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-5 * np.abs(whole).max())
+    found = []
+    for drawn, behind in ((gop, None), (moving, backend.upload(backdrop))):
+        error, gradients = backend.squared_error(
+            tensors(drawn, backend), TAU, backend.upload(target), example.coded_size, behind
+        )
+        found.append((float(error), [gradient.numpy(force=True) for gradient in gradients]))
+    assert found[1][0] == pytest.approx(found[0][0], rel=1e-5)
+    for name, expected, actual in zip(Gop.__slots__, found[0][1], found[1][1], strict=True):
+        if name in ("xy", "xt", "yt"):
+            np.testing.assert_allclose(actual, expected, atol=1e-3 * np.abs(expected).max())
+        else:
+            np.testing.assert_allclose(
+                actual, expected[8:], atol=1e-3 * np.abs(expected[8:]).max(), err_msg=name
+            )
+
+
+def test_opacities_at_their_bounds(backends: Backends) -> None:
+    """They have gradients; those beyond look the same, and have none."""
+    backend, example = backends("mean"), SMALL["at bounds"]
+    beyond = deepcopy(example)
+    beyond.gop.log_opacity[:4] *= 1.5  # of the static ones, which the tri-plane has no part in
+    weights = noise(example)
+    pictures, gradients = [], []
+    for one in (example, beyond):
+        prepared = backend.prepare(one.gop)
+        pictures.append(backend.picture(prepared, TAU, one.size, one.coded_size))
+        gradients.append(backend.gradient(one.gop, TAU, weights, one.coded_size).log_opacity[:4])
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    assert gradients[0].all()
+    assert not gradients[1].any()
+
+
+def test_what_hides_all(backends: Backends) -> None:
+    backend, example = backends("mean"), SMALL["hidden"]
+    picture = backend.picture(backend.prepare(example.gop), TAU, example.size, example.coded_size)
+    middle = picture[7:13, 13:20]
+    np.testing.assert_allclose(middle, np.broadcast_to(example.gop.colour[0], middle.shape), 1e-3)
+
+
+def test_no_weight_is_black(backends: Backends) -> None:
+    """Beyond a Gaussian's edge nothing is drawn, and nothing has a gradient."""
+    gop = examples.random_gop(1, grid=(0, 0, 0))
+    gop.position[:] = gop.linear[:] = gop.quadratic[:] = gop.log_scale[:] = 0
+    backend, size = backends("mean"), (16, 16)
+    prepared = backend.prepare(gop)
+    four = backend.sums(prepared, TAU, size, size)
+    nothing = four[..., 3] == 0
+    assert nothing[0].all()
+    assert not nothing[6:10, 6:10].any()
+    assert (four >= 0)[..., 3].all()
+    assert not backend.picture(prepared, TAU, size, size)[nothing].any()
+    for where, found in ((nothing, False), (~nothing, True)):
+        weights = np.repeat(where[..., None], 3, -1).astype(np.float32)
+        gradient = arrays(backend.gradient(gop, TAU, weights, size))
+        assert bool(gradient["colour"].any()) == bool(gradient["log_opacity"].any()) == found
+
+
 @pytest.mark.parametrize("shape", [(0, 2), (1,), (700, 3), (5, 4, 8)], ids=str)
-def test_adam_step(backend: Backend, shape: tuple[int, ...]) -> None:
+def test_adam_step(backends: Backends, shape: tuple[int, ...]) -> None:
+    backend = backends("mean")
     r = np.random.default_rng(0)
     components = shape[-1] if len(shape) > 1 else 1
     rates = torch.from_numpy(r.uniform(0.001, 0.1, components).astype(np.float32))
     start = torch.from_numpy(r.normal(size=shape).astype(np.float32))
     gradients = [torch.from_numpy(r.normal(size=shape).astype(np.float32)) for _ in range(3)]
     states = []
-    for each, dtype in ((REFERENCE, torch.float64), (backend, torch.float32)):
+    reference = ReferenceBackend()
+    for each, dtype in ((reference, torch.float64), (backend, torch.float32)):
         value = start.to(each.device, dtype, copy=True)
         state = value, torch.zeros_like(value), torch.zeros_like(value)
         for step, gradient in enumerate(gradients, 1):

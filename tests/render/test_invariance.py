@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render import render_frames
 from tests.render import examples
 from tests.render.examples import Example
 
 TAUS = np.linspace(-1, 1, 7, dtype=np.float32)
+each_blending = pytest.mark.parametrize("blending", ["mean", "sum"])
 EXAMPLES = Example(examples.random_gop(2500), (150, 200), (150, 200))
 
 
@@ -20,24 +22,28 @@ def _weights() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
     return np.random.default_rng(1).normal(size=(200, 150, 3)).astype(np.float32)
 
 
+@each_blending
 @pytest.mark.parametrize("threads", [2, 3, 16])
-def test_threads(threads: int, isa: str) -> None:
-    one = examples.native_float(EXAMPLES, TAUS, threads=1)
-    np.testing.assert_array_equal(examples.native_float(EXAMPLES, TAUS, threads), one)
+def test_threads(threads: int, blending: Blending, isa: str) -> None:
+    example = replace(EXAMPLES, blending=blending)
+    one = examples.native_float(example, TAUS, threads=1)
+    np.testing.assert_array_equal(examples.native_float(example, TAUS, threads), one)
     weights = _weights()
-    gradients = examples.native_gradients(EXAMPLES, weights, threads=threads)
-    for name, wanted in examples.native_gradients(EXAMPLES, weights, threads=1).items():
+    gradients = examples.native_gradients(example, weights, threads=threads)
+    for name, wanted in examples.native_gradients(example, weights, threads=1).items():
         np.testing.assert_array_equal(gradients[name], wanted)
 
 
+@each_blending
 @pytest.mark.parametrize("threads", [1, 2, 3])
 @pytest.mark.parametrize("share", [0, 0.1, 0.5, 0.98, 1])
-def test_batch(share: float, threads: int, isa: str) -> None:
+def test_batch(share: float, threads: int, blending: Blending, isa: str) -> None:
     """Frames together, whose static Gaussians are drawn once, and each alone."""
     gop = examples.static(examples.random_gop(2500), slice(round(2500 * share)))
-    batch = examples.native_float(replace(EXAMPLES, gop=gop), TAUS, threads)
+    example = replace(EXAMPLES, gop=gop, blending=blending)
+    batch = examples.native_float(example, TAUS, threads)
     for tau, frame in zip(TAUS, batch, strict=True):
-        alone = examples.native_float(replace(EXAMPLES, gop=gop), np.array([tau]), threads)
+        alone = examples.native_float(example, np.array([tau]), threads)
         np.testing.assert_array_equal(alone[0], frame)
 
 

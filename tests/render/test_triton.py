@@ -25,8 +25,9 @@ from gsvrcodec.errors import DeviceError
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.recipe import MAIN
+from gsvrcodec.fit.recipe import MAIN, PAPER
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.render import backend_on
 from gsvrcodec.render import triton as gpu
@@ -44,12 +45,15 @@ DEVICE = torch.device(PLACE)
 SIZE = (48, 32)
 TAUS = np.array([TAU], np.float32)
 
+each_blending = pytest.mark.parametrize("blending", ["mean", "sum"])
+
 
 def _pass(example: Example, taus: Float32Array = TAUS) -> Pass:
     parameters = {
         name: torch.from_numpy(getattr(example.gop, name)).to(DEVICE) for name in Gop.__slots__
     }
-    return Pass(parameters, torch.from_numpy(taus).to(DEVICE), example.size, example.coded_size)
+    times = torch.from_numpy(taus).to(DEVICE)
+    return Pass(parameters, times, example.size, example.coded_size, example.blending)
 
 
 def _floats(example: Example, taus: Float32Array = TAUS) -> Float32Array:
@@ -69,10 +73,11 @@ def _weights(example: Example, frames: int = 1) -> Float32Array:
     return np.random.default_rng(1).normal(size=(frames, height, width, 3)).astype(np.float32)
 
 
-def test_frames_together() -> None:
+@each_blending
+def test_frames_together(blending: Blending) -> None:
     """A batch is its frames one by one, and its gradient the sum of theirs."""
     example, taus = (
-        Example(examples.all_levels(5, 1.0), (17, 9), (17, 9)),
+        Example(examples.all_levels(5, 1.0), (17, 9), (17, 9), blending),
         np.array([-1, 0.2], np.float32),
     )
     batch = _floats(example, taus)
@@ -86,17 +91,19 @@ def test_frames_together() -> None:
     examples.assert_gradients_close(_gradients(example, weights, taus), total)
 
 
+@each_blending
 @pytest.mark.parametrize("bit_depth", [8, 10])
-def test_codes(bit_depth: int) -> None:
+def test_codes(bit_depth: int, blending: Blending) -> None:
     gop = examples.all_levels(40, 1.5)
     gop.colour[:] = np.abs(gop.colour) * 0.5
     taus = np.array([-0.7, 0.4], np.float32)
-    backend = gpu.TritonBackend(PLACE)
+    backend = gpu.TritonBackend(PLACE, blending)
     prepared = backend.prepare(gop)
     actual = backend.render(prepared, taus, SIZE, SIZE, bit_depth=bit_depth)
     assert actual.dtype == (np.uint8 if bit_depth == 8 else np.uint16)
     white = 2**bit_depth - 1
-    frames = [examples.reference_render(Example(gop, SIZE, SIZE), tau=float(t))[0] for t in taus]
+    example = Example(gop, SIZE, SIZE, blending)
+    frames = [examples.reference_render(example, tau=float(tau))[0] for tau in taus]
     expected = np.floor(np.clip(frames, 0, 1) * white + 0.5)
     difference = np.abs(actual.astype(int) - expected)
     assert difference.max() <= 1
@@ -107,22 +114,26 @@ def test_codes(bit_depth: int) -> None:
     np.testing.assert_array_equal(tensor.numpy(force=True), actual)
 
 
-@pytest.mark.parametrize("name", ["minimal", "black-triplane", "levels-1x1", "predicted"])
+@pytest.mark.parametrize(
+    "name", ["minimal", "black-triplane", "levels-1x1", "predicted", "opacities-hidden", "sum"]
+)
 def test_conformance(name: str) -> None:
     """The vectors that the interpreter renders in time; a GPU renders them all in seconds."""
     described = json.loads((VALID / f"{name}.json").read_text())
     with GsvrReader(VALID / f"{name}.gsvr") as reader:
         for fields in described["pictures"]:
             picture = Picture(**fields)
-            found = render(reader, picture, gpu.TritonBackend(PLACE))
+            backend = gpu.TritonBackend(PLACE, reader.header.blending)
+            found = render(reader, picture, backend)
             wanted = check.read_picture(picture.file)
             assert not list(check.picture_differences(picture.file, found, wanted))
 
 
-def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+@each_blending
+def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch, blending: Blending) -> None:
     """More blocks in a tile, and more candidates, than a program looks at together."""
     monkeypatch.setattr(launch, "CHUNK", 2)
-    example = Example(examples.random_gop(64 * 2 + 7, grid=(1, 2, 2)), (9, 7), (9, 7))
+    example = Example(examples.random_gop(64 * 2 + 7, grid=(1, 2, 2)), (9, 7), (9, 7), blending)
     example.gop.log_scale[:] = -2.0
     weights = _weights(example)
     expected, gradients = examples.reference_render(example, weights[0])
@@ -134,25 +145,29 @@ def test_more_than_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy, in the interpreter
+@each_blending
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_not_finite_is_not_drawn(value: float) -> None:
+def test_not_finite_is_not_drawn(value: float, blending: Blending) -> None:
     """One broken Gaussian for each attribute, and what is left without them."""
     gop = examples.random_gop(24)
-    broken = ("position", "log_scale", "rotation", "colour", "indicator", "linear", "quadratic")
+    names = [name for name in Gop.__slots__ if name not in ("xy", "xt", "yt")]
+    broken = [name for name in names if name != "log_opacity" or blending == "mean"]
     for index, name in enumerate(broken):
         getattr(gop, name)[3 * index] = value
     kept = np.setdiff1d(np.arange(24), 3 * np.arange(len(broken)))
-    rest = replace(gop, **{name: getattr(gop, name)[kept] for name in broken})
-    example = Example(gop, (20, 15), (20, 15))
+    rest = replace(gop, **{name: getattr(gop, name)[kept] for name in names})
+    example = Example(gop, (20, 15), (20, 15), blending)
     expected = examples.reference_render(replace(example, gop=rest))[0]
     np.testing.assert_allclose(_floats(example)[0], expected, atol=1e-5)
     gradients = _gradients(example, _weights(example))
     for name, gradient in gradients.items():
         assert np.isfinite(gradient).all(), name
-    assert not gradients["colour"][: 3 * len(broken) : 3].any()
+    for name in names:
+        assert not gradients[name][: 3 * len(broken) : 3].any(), name
 
 
-def test_pictures_are_tensors() -> None:
+@each_blending
+def test_pictures_are_tensors(blending: Blending) -> None:
     """What the decoder makes on a GPU, also where one GOP fades into the next or goes on in it."""
     options: dict[str, Any] = {
         "coded_size": (9, 7),
@@ -160,8 +175,8 @@ def test_pictures_are_tensors() -> None:
         "layers": "all",
         "bit_depth": 8,
     }
-    arrays = PictureMaker(**options, backend=backend_on("cpu", 1))
-    tensors = PictureMaker(**options, backend=gpu.TritonBackend(PLACE), tensors=True)
+    arrays = PictureMaker(**options, backend=backend_on("cpu", 1, blending))
+    tensors = PictureMaker(**options, backend=backend_on(PLACE, 0, blending), tensors=True)
     gops = [examples.random_gop(3, grid=(0, 0, 0), seed=seed) for seed in range(3)]
     wholes: list[tuple[Gop, int, Ticks, tuple[Any, ...]]] = [
         (gops[0], 0, np.array([0, 1]), ()),
@@ -186,14 +201,16 @@ def test_pictures_are_tensors() -> None:
     np.testing.assert_allclose(made[1].numpy(force=True).astype(int), made[0], atol=1)
 
 
-def test_fit() -> None:
+@each_blending
+def test_fit(blending: Blending) -> None:
     """A fit is the same on both backends, but for rounding."""
     pictures = np.random.default_rng(3).integers(0, 256, (2, 6, 8, 3), np.uint8)
     footage = Footage(pictures, np.array([-1, 1], np.float32))
     fitted = []
     for device in "cpu", PLACE:
-        field = Field(examples.all_levels(6, 0.0), "hybrid", backend_on(device, threads=1))
-        recipe = replace(MAIN, relocations=(0.5,))
+        backend = backend_on(device, threads=1, blending=blending)
+        field = Field(examples.all_levels(6, 0.0), "hybrid", backend)
+        recipe = replace(MAIN, relocations=(0.5,)) if blending == "mean" else PAPER
         rng = np.random.default_rng(0)
         optimise(field, footage, recipe, Effort(4), rng)
         fitted.append(field.gop())

@@ -35,17 +35,15 @@ globalThis.harness = {
 
   /** Timing and coded values of all GOPs, values as data URLs by the name of the attribute. */
   async values(bytes) {
+    const { ATTRIBUTES, SLOTS } = await import("/attributes.js");
     const film = await this.openFilm(new Blob([bytes]));
-    const places = {
-      position: [0, 2], log_scale: [2, 2], rotation: [4, 1], colour: [5, 3], indicator: [8, 1],
-      linear: [9, 2], quadratic: [11, 2],
-    };
     const found = [];
     for (let index = 0; index < film.gops.length; index++) {
       const { pts, gaussians, grids } = await film.gop(index);
       const values = {};
-      for (const [name, [start, size]] of Object.entries(places)) {
-        const own = gaussians.filter((_, at) => at % 13 >= start && at % 13 < start + size);
+      for (const { name, slot, components } of ATTRIBUTES.filter(({ grid }) => grid === "new")) {
+        const own = gaussians.filter((_, at) => (
+          at % SLOTS >= slot && at % SLOTS < slot + components));
         values[name] = await this.toText(own);
       }
       for (const name of grids ? ["xy", "xt", "yt"] : []) values[name] = await this.toText(grids[name]);

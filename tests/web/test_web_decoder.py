@@ -7,16 +7,24 @@ import hashlib
 import io
 import json
 import random
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
+from gsvrcodec.bitstream.chunk import HEAD_TYPE
 from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model import passage, reconstruction
+from gsvrcodec.model.attributes import TRIPLANE_CHANNELS, attributes_of
+from gsvrcodec.model.reconstruction import Blending
 from tests import fuzz
+from tests.tampering import edited
 from tests.vectors import make
+from tests.web.films import random_film
 
 pytestmark = pytest.mark.slow
 
@@ -54,6 +62,53 @@ def by_the_package(content: bytes) -> str:
     return "ok"
 
 
+class TestTables:
+    def test_constants_are_those_of_the_package(self, bench: Any) -> None:
+        found = bench.evaluate("async () => ({ ...await import('/reconstruction.js') })")
+        assert found.pop("LEAST_SHARE") == passage._LEAST_SHARE
+        assert {"GROUND", "CUTOFF", "MOST_LOG_OPACITY"} <= set(found)
+        for name, value in found.items():
+            assert value == getattr(reconstruction, name), name
+
+    @pytest.mark.parametrize("blending", ["mean", "sum"])
+    def test_attributes_are_those_of_the_package(self, bench: Any, blending: Blending) -> None:
+        found = bench.evaluate(
+            """async (blending) => {
+                const { ATTRIBUTES, storedComponents } = await import("/attributes.js");
+                return ATTRIBUTES.map((each, id) => (
+                    [id, each.name, storedComponents(each, blending), each.low, each.high]
+                )).filter(([, , components]) => components);
+            }""",
+            blending,
+        )
+        wanted = [[a.id, a.name, a.components, a.low, a.high] for a in attributes_of(blending)]
+        assert found == wanted
+
+
+class TestHeader:
+    """How a header may say that pictures are formed, or may not."""
+
+    @pytest.mark.parametrize(
+        ("edit", "verdict", "said"),
+        [
+            (lambda header: header, "ok", ""),
+            (lambda header: header.__setitem__(70, 0), "CorruptError", "plane table"),
+            (lambda header: header.__setitem__(70, 2), "UnsupportedError", "an unknown way"),
+            (lambda header: header.__setitem__(71, 1), "CorruptError", "reserved"),
+            (lambda header: header.__delitem__(slice(70, None)), "UnsupportedError", "anew"),
+            (lambda header: header.__delitem__(71), "CorruptError", "71 bytes"),
+        ],
+    )
+    def test_verdicts(
+        self, bench: Any, edit: Callable[[bytearray], object], verdict: str, said: str
+    ) -> None:
+        content = edited(random_film("mean"), HEAD_TYPE, edit)
+        assert by_the_package(content) == verdict
+        [(found, sentence)] = verdicts(bench, [content])
+        assert found == verdict
+        assert said in sentence
+
+
 class TestKit:
     @pytest.mark.parametrize(
         "name", ["refined", "predicted-refined", "variable-rate", "film-sound"]
@@ -73,6 +128,10 @@ class TestKit:
             for attribute, coded in wanted["values"].items():
                 if attribute in gop["values"] and wanted["reference"] == 0:
                     raw = base64.b64decode(gop["values"][attribute].partition(",")[2])
+                    if attribute in ("xy", "xt", "yt"):  # channels that are not stored are 0
+                        channels = np.frombuffer(raw, np.float32).reshape(-1, TRIPLANE_CHANNELS)
+                        assert not channels[:, coded["shape"][-1] :].any()
+                        raw = channels[:, : coded["shape"][-1]].tobytes()
                     assert hashlib.sha256(raw).hexdigest() == coded["sha256"], attribute
 
     def test_faults_are_found(self, bench: Any) -> None:

@@ -14,8 +14,10 @@ import pytest
 from numpy.typing import NDArray
 
 import gsvrcodec
+from gsvrcodec.model.reconstruction import Blending
 from tests.vectors import make
 from tests.web.conftest import Site
+from tests.web.films import random_film
 
 pytestmark = pytest.mark.slow
 
@@ -81,6 +83,28 @@ class TestConformance:
         found = rendered(bench, site, path.name, after_first(path, pictures), bits)
         for picture, codes in zip(pictures, found, strict=True):
             assert_alike(codes, on_cpu(path, picture), most)
+
+
+class TestBlendings:
+    """Random Gaussians on all levels, carried over and passing from GOP to GOP."""
+
+    @pytest.mark.parametrize("blending", ["mean", "sum"])
+    @pytest.mark.parametrize("bits", [32, 16])
+    @pytest.mark.parametrize("spread", [1, 6])
+    def test_frames_and_passages(
+        self, bench: Any, site: Site, blending: Blending, bits: int, spread: float
+    ) -> None:
+        path = site.films / f"random-{blending}-{spread}.gsvr"
+        path.write_bytes(random_film(blending, spread=spread))
+        # Of the passages from 120 to 160 and 280 to 320, the second is a cross-fade.
+        pictures = [
+            {"time": time, "width": width, "height": height}
+            for time in (0, 40, 120, 131, 159, 160, 200, 299, 320, 440)
+            for width, height in ((64, 48), (93, 70), (40, 30))
+        ]
+        found = rendered(bench, site, path.name, pictures, bits)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture), 1)
 
 
 class TestBetweenGops:

@@ -42,7 +42,7 @@ static inline void deform_backward(const GopArrays &gop, const Frame &frame, con
         offset[5 + k] = frame.mean ? vf{} : of_colour.column[k];
     }
     vf of_opacity{};
-    if (frame.mean) of_opacity = offset[5] = where(d.opacity_free, log_amplitude_gradient);
+    if (frame.mean) of_opacity = offset[5] = where(drawn & d.opacity_free, log_amplitude_gradient);
     store_fields<1>(gradient.log_opacity, i, count, {{of_opacity}});
 
     // The covariance, in the coordinate system of its axes, where thin Gaussians lose no precision.
