@@ -1,4 +1,4 @@
-"""A video codec whose picture is a sum of moving 2D Gaussians.
+"""A video codec whose picture is a weighted mean of moving 2D Gaussians.
 
     import gsvrcodec
 

@@ -108,19 +108,20 @@ class _Chain:
     longer: float = 2.0
     longest_power: float = 2.4
     #: motion of a frame, with `fast_share`, above which a chain always pays, px of the analysed
-    #: frame. Chain against key GOPs, 1 s a frame: flower (0.2 px) -0.3 dB at 0.03 and 0.08 bpp,
+    #: frame. Of sums, `fast_share` 0.15, 1 s a frame: flower (0.2 px) -0.3 dB at 0.03 and 0.08 bpp,
     #: +0.1 at 0.2; Bunny (0.4) -0.5 dB at 0.06 bpp; city (0.2) -2.0 dB at 0.15 bpp; cup (0.9) +0.4,
     #: +0.1 and +0.3 dB at 0.024, 0.044 and 0.075 bpp; bee (1.5) 0, -0.2 and +1.0 dB at 0.06, 0.12
     #: and 0.17 bpp; driving (4) +0.3 dB at 0.12 bpp; soccer (0.7) +1.6 dB at 0.08 bpp
-    fast: float = 0.6
+    fast: float = 0.8
     #: most that a chain of slower motion may cost, in the key GOPs that could take its place. Two
     #: GOPs of 48 frames of flower at 0.026 bpp have 0.98, and lose 1.2 dB by a chain; Bunny's first
     #: half at 0.025 bpp has 0.97, and loses 0.3 dB
     worth: float = 0.9
     #: what the fastest 1 % of a frame adds to its motion, where the rest stands still. soccer, 72
     #: frames at 0.08 bpp in GOPs of 18 / 11 / 7: 31.1 / 30.3 / 29.5 dB, but where it moves 27.2 /
-    #: 28.9 / 29.4 dB. Bunny loses 0.6 dB if its GOPs become as short, because it moves all over
-    fast_share: float = 0.15
+    #: 28.9 / 29.4 dB. Bunny loses 0.6 dB if its GOPs become as short, because it moves all over. Of
+    #: means, 48 frames at CRF 26, 0.15 / 0.3: soccer 633 kB at 32.5 dB / 616 kB at 33.1 dB
+    fast_share: float = 0.3
     #: bits of a predicted GOP, in those of a key GOP of as many Gaussians: where nothing changes,
     #: and what is added where all does
     idle_bits: float = 0.05

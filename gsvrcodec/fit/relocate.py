@@ -30,7 +30,7 @@ def relocate(
     """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
 
     A Gaussian that moves takes the shape and the motion of its nearest neighbour, the colour that
-    is wanted where it goes, and an opacity in proportion to the weights that are there.
+    is wanted where it goes, and an opacity of 1, or more in proportion to the weights there.
 
     Args:
         field: the parameters of the fit.

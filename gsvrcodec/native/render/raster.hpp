@@ -63,7 +63,7 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
         a += w * da;
         p2 += p1;
         p1 += p0;
-        p0 += where(e > kCutoff, e) * ((red * dr + green * dg) + (blue * db + share * da));
+        p0 += where(e > kCutoff, e) * (red * dr + green * dg + blue * db + share * da);
         p += kStepFloats;
     });
     // A vector with m vectors below it is counted m times in p1 and m (m - 1) / 2 times in p2.
