@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.tuned import EFFECT
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.reconstruction import GROUND
+from gsvrcodec.model.reconstruction import CUTOFF, GROUND
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend, Size
 
@@ -19,8 +19,9 @@ def effects(
     """Squared change of the picture without each Gaussian, about.
 
     A Gaussian of the colour c that has the share s of the weights at a pixel of the colour P
-    changes it by s / (1 - s) (P - c) when it leaves. The change at its centre stands for that over
-    its area. Offsets of the tri-plane are left out: they are small, and take long to look up.
+    changes it by s / (1 - s) (P - c) when it leaves. The change at its centre, or where the frame
+    is nearest to that, stands for that over its area. Offsets of the tri-plane are left out: they
+    are small, and take long to look up.
 
     Args:
         gop: N Gaussians.
@@ -31,19 +32,18 @@ def effects(
         backend: Draws.
 
     Returns:
-        (N,) 0 for Gaussians whose centres are out of the frame at the times that are looked at.
+        (N,) 0 for Gaussians that do not reach into the frame at the times that are looked at.
     """
     prepared = backend.prepare(drawn)
-    opacity = np.exp(gop.log_opacity)
     total = np.zeros(len(gop))
     for tau in taus[some_frames(len(taus), EFFECT.frames)]:
-        sums = backend.sums(prepared, float(tau), size, coded_size)
-        x, y, inside = centres(gop, float(tau), size)
+        sums = backend.sums(prepared, float(tau), size, coded_size).astype(np.float64)
+        x, y, own = _weights(gop, float(tau), size, coded_size)
         there = sums[y, x]
         weight = there[:, 3] + GROUND
-        share = np.minimum(opacity[inside] / weight, EFFECT.most_share)
-        apart = there[:, :3] / weight[:, None] - gop.colour[inside]
-        total[inside] += np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
+        share = np.minimum(own / weight, EFFECT.most_share)
+        apart = there[:, :3] / weight[:, None] - gop.colour
+        total += np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
     return np.asarray(total * np.exp(gop.log_scale.sum(axis=1)))
 
 
@@ -61,20 +61,25 @@ def losses(gop: Gop, footage: Footage, sensitivities: Gop, backend: Backend) -> 
     """
     drawn = gop if footage.background is None else append_gaussians(gop, footage.background)
     prepared, size = backend.prepare(drawn), footage.size
-    opacity, most = np.exp(gop.log_opacity), np.zeros(len(gop))
+    most = np.zeros(len(gop))
     for tau in footage.taus[some_frames(len(footage.taus), EFFECT.frames)]:
-        x, y, inside = centres(gop, float(tau), size)
+        x, y, own = _weights(gop, float(tau), size, size)
         weight = backend.sums(prepared, float(tau), size, size)[y, x, 3] + GROUND
-        most[inside] = np.maximum(most[inside], opacity[inside] / weight)
-    others = 1 - np.minimum(most, EFFECT.most_share)
+        most = np.maximum(most, own / weight)
+    others = 1 - np.minimum(most, EFFECT.most_lost)
     return np.asarray(sensitivities.log_opacity / np.square(others))
 
 
-def centres(
-    gop: Gop, tau: float, size: Size
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Pixels of the centres that are in the frame: columns, rows, and numbers of the Gaussians."""
+def _weights(
+    gop: Gop, tau: float, size: Size, coded_size: Size
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Pixels nearest to the centres, columns and rows, and the weights of the Gaussians there."""
     position = gop.position + tau * (gop.linear + tau * gop.quadratic)
-    pixels = np.floor((position + 1) / 2 * np.array(size)).astype(np.intp)
-    inside = np.flatnonzero(((pixels >= 0) & (pixels < size)).all(axis=1))
-    return pixels[inside, 0], pixels[inside, 1], inside
+    centre = (position + 1) / 2 * np.array(size)
+    near = np.clip(centre, 0.5, np.array(size) - 0.5)
+    x, y = ((near - centre) * np.array(coded_size) / size).T
+    sine, cosine = np.sin(gop.rotation), np.cos(gop.rotation)
+    along = np.stack([cosine * x + sine * y, cosine * y - sine * x], 1) / np.exp(gop.log_scale)
+    weight = np.exp(-np.square(along).sum(axis=1) / 2) - CUTOFF
+    column, row = near.astype(np.intp).T
+    return column, row, np.exp(gop.log_opacity) * np.maximum(weight, 0)

@@ -23,7 +23,6 @@ from gsvrcodec.bitstream.tags import container_of, parse_settings, parse_tags
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ALL_ATTRIBUTES
 from gsvrcodec.report.spending import Item, spending
 
 

@@ -22,7 +22,7 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.options import Deform, Profile
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS
+from gsvrcodec.model.attributes import gaussian_parameters
 
 LENGTHS = st.lists(st.lists(st.integers(1, 60), min_size=1, max_size=5), min_size=1, max_size=6)
 SIZES = st.tuples(st.integers(1, 4000), st.integers(1, 4000))
@@ -48,8 +48,9 @@ def stored(
     chains: list[Chain], gaussians: list[int], size: tuple[int, int], settings: EncodeSettings
 ) -> int:
     """Return how many numbers a file of key GOPs holds."""
-    return GAUSSIAN_PARAMETERS * sum(gaussians) + sum(
-        grid_parameters(triplane_grid(size, len(gop), settings))
+    blending = settings.blending
+    return gaussian_parameters(blending) * sum(gaussians) + sum(
+        grid_parameters(triplane_grid(size, len(gop), settings), blending)
         for chain in chains
         for gop in chain
     )
@@ -121,7 +122,13 @@ def test_grid_of_the_paper() -> None:
 def test_no_grid_for_a_polynomial(profile: Profile) -> None:
     settings = EncodeSettings(deform="polynomial", profile=profile)
     assert triplane_grid((1280, 640), 24, settings) == (0, 0, 0)
-    assert grid_parameters((0, 0, 0)) == 0
+    assert grid_parameters((0, 0, 0), settings.blending) == 0
+
+
+def test_numbers_of_a_tri_plane() -> None:
+    # Each of 16 * 12 + 16 * 8 + 12 * 8 cells has 6 channels where pictures are means.
+    assert grid_parameters((16, 12, 8), "mean") == 6 * 416
+    assert grid_parameters((16, 12, 8), "sum") == 8 * 416
 
 
 def test_at_most_a_gaussian_for_two_pixels() -> None:
@@ -136,6 +143,6 @@ def test_a_tri_plane_takes_a_part_of_a_key_gop() -> None:
     )
     assert alone == 8 * 5700 / CHAIN.gaussian_bits
     assert alone - shared == pytest.approx(
-        CHAIN.number_bits * grid_parameters((16, 12, 8)) / CHAIN.gaussian_bits, abs=1
+        CHAIN.number_bits * grid_parameters((16, 12, 8), "mean") / CHAIN.gaussian_bits, abs=1
     )
     assert tiny == round(400 / CHAIN.gaussian_bits)

@@ -19,13 +19,13 @@ from gsvrcodec.report.inspect import inspect
 from gsvrcodec.video import open_video
 from tests import making
 
-#: dB that the least effort must reach, well below what it does.
+#: dB that the least effort must reach, 1.5 dB or more below what it does.
 LEAST_PSNR = {
-    making.BUNNY_SMALL: 24.0,
-    making.TEN_BIT: 24.5,
-    making.ODD: 18.5,
-    making.VFR_ROTATED: 23.0,
-    making.NOISE: 22.5,
+    making.BUNNY_SMALL: 30.0,
+    making.TEN_BIT: 31.0,
+    making.ODD: 29.0,
+    making.VFR_ROTATED: 35.0,
+    making.NOISE: 28.0,
 }
 
 
@@ -52,7 +52,9 @@ class TestRealClips:
         measured = report(source, target)
         assert measured.psnr_rgb == pytest.approx(result.psnr, abs=0.02)
         assert measured.psnr_rgb > LEAST_PSNR[source]
-        assert abs(result.float_psnr - result.psnr) < 0.4
+        # All clips have the steps of one slope, so rounding costs more dB the better the fit is:
+        # 0.4 to 0.7 dB here.
+        assert -0.1 < result.float_psnr - result.psnr < 0.8
         assert measured.bpp == pytest.approx(result.bpp)
         assert result.bytes == target.stat().st_size
         assert result.path == target

@@ -99,6 +99,7 @@ def unpacked(done: EncodedGop, job: GopJob) -> GopContent:
         max_gop_frames=len(job.frames),
         max_grid=(64, 64, 64),
         flags_optional=IMAGE_CODECS_FLAG,
+        blending=job.settings.blending,
     )
     return unpack_gop(done.payload, header, Limits())
 
@@ -112,7 +113,8 @@ def decoded(done: EncodedGop, job: GopJob) -> Gop:
 
 def quality(gop: Gop, job: GopJob) -> float:
     """Return the mean PSNR of what a decoder shows, dB."""
-    shown = render_frames(gop, normalised_time(job.pts), job.size, job.size)
+    blending = job.settings.blending
+    shown = render_frames(gop, normalised_time(job.pts), job.size, job.size, blending=blending)
     return float(np.mean([making.psnr(*pair) for pair in zip(job.frames, shown, strict=True)]))
 
 

@@ -39,7 +39,7 @@ def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
     """A reference of FRAMES frames, an anchor of some of its Gaussians, and stored values."""
     reference = make_gop(30, (4, 3, 5), seed=2)
     source = np.sort(np.random.default_rng(3).permutation(30)[:carried])
-    none = Look(*(np.zeros((new, *s), np.float32) for s in ((2,), (2,), (), (3,))))
+    none = Look(*(np.zeros((new, *s), np.float32) for s in ((2,), (2,), (), (3,), ())))
     look = last_look(reference, FRAMES)[source]
     look = Look(*(np.concatenate([getattr(a, n) for a in (look, none)]) for n in LOOK))
     anchor = Anchor(start_of_motion(FRAMES), look, np.append(source, np.full(new, -1)))
@@ -121,6 +121,7 @@ class TestField:
             np.testing.assert_allclose(
                 getattr(field.stored(), name), getattr(stored, name), atol=4e-6
             )
+        assert field.carried is not None
         np.testing.assert_array_equal(field.carried.numpy()[:, 0], [1] * 20 + [0] * 8)
 
     @pytest.mark.parametrize("tau", [-1.0, 0.4])
@@ -148,6 +149,7 @@ class TestField:
         chosen, like = np.array([1, 2]), np.array([5, 9])
         field.renew(chosen, like, colour=np.zeros((2, 3), np.float32))
         after = field.gop()
+        assert field.carried is not None
         assert not field.carried.numpy()[chosen].any()
         assert not after.colour[chosen].any()
         assert field.anchor is not None

@@ -9,7 +9,9 @@ import pytest
 import torch
 
 from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.footage import backdrop
 from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.static import still
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.native import NativeBackend
 from tests import making
@@ -73,13 +75,24 @@ class TestExport:
         np.testing.assert_array_equal(gop.indicator, rounded["indicator"])
 
     def test_what_stands_behind_is_drawn_but_not_trained(self, start: Gop) -> None:
-        bare = making.random_gop(np.random.default_rng(6), 9, (0, 0, 0))
-        assert Field(start, "hybrid", BACKEND).backdrop(SIZE, SIZE) is None
+        bare = still(making.random_gop(np.random.default_rng(6), 9, (0, 0, 0)))
         field = Field(start, "hybrid", BACKEND, bare)
         assert len(field.gop()) == len(start)
         assert len(field.drawn()) == len(start) + 9
-        picture = BACKEND.picture(BACKEND.prepare(bare), 0.0, SIZE, SIZE)
-        np.testing.assert_array_equal(field.backdrop(SIZE, SIZE), picture)
+        alone, both = (
+            BACKEND.sums(BACKEND.prepare(gop), 0.2, SIZE, SIZE)
+            for gop in (field.gop(), field.drawn())
+        )
+        behind = backdrop(field.background, SIZE, SIZE, BACKEND)
+        assert behind is not None
+        np.testing.assert_allclose(alone + behind, both, atol=1e-5 * both.max())
+        assert np.abs(alone - both).max() > 0.1
+
+    def test_sums_have_no_opacities(self, start: Gop) -> None:
+        field = Field(start, "hybrid", NativeBackend(blending="sum"))
+        assert "log_opacity" not in field.raw
+        assert not field.gop().log_opacity.any()
+        assert field.gradients(field.tensors(), 0.2, target(), SIZE).keys() == field.raw.keys()
 
     def test_chosen_ones_are_taken(self, start: Gop) -> None:
         field = Field(start, "hybrid", BACKEND)

@@ -11,8 +11,8 @@ import pytest
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
 from gsvrcodec.fit.sensitivity import sensitivities
-from gsvrcodec.fit.tuned import RATE_CONTROL
-from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
+from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Refined, dequantised
 from gsvrcodec.model.refinement import REFINED
@@ -55,7 +55,10 @@ class TestSteps:
         found = measured(gop)
         more = replace(found, xy=4 * found.xy)
         before, after = (equal_slope_steps(each, 0.1)["xy"] for each in (found, more))
-        np.testing.assert_allclose(after, np.array(before) / 2, rtol=1e-6)
+        half = np.array(before) / 2
+        np.testing.assert_allclose(after[:MEAN_CHANNELS], half[:MEAN_CHANNELS], rtol=1e-6)
+        # The other channels do nothing where pictures are means.
+        assert set(after[MEAN_CHANNELS:]) == {STEPS.largest["xy"]}
 
     def test_no_tri_plane(self) -> None:
         bare = making.random_gop(np.random.default_rng(5), grid=(0, 0, 0))

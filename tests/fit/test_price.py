@@ -1,98 +1,149 @@
-"""The price of changes: its slope is that of the bits that changes take."""
+"""The price of bits: its slope is that of the bits that parameters take."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
+import pytest
 import torch
 
 from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.price import Price
-from gsvrcodec.fit.tuned import PREDICTION
+from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array
+from tests import making
 from tests.fit.synthetic import BACKEND
 from tests.fit.test_anchor import example
 
 WEIGHT = 0.003
 STEPS = {a.name: (0.01 * (1 + a.id),) * a.components for a in ATTRIBUTES}
+#: Of the example: the others are new.
+CARRIED = 20
 
 
-def priced(deform: Deform = "hybrid") -> tuple[Field, dict[str, np.ndarray]]:
-    """A field, and what a price adds to the gradients of ones."""
-    _, anchor, stored = example()
-    field = Field(stored, deform, BACKEND, anchor=anchor)
+def predicted(deform: Deform = "hybrid") -> Field:
+    _, anchor, stored = example(CARRIED)
+    return Field(stored, deform, BACKEND, anchor=anchor)
+
+
+def key() -> Field:
+    gop = making.random_gop(np.random.default_rng(1), 28)
+    return Field(gop, "hybrid", BACKEND)
+
+
+def prices(field: Field) -> dict[str, Float32Array]:
+    """What a price adds to the gradients of ones."""
     gradients = {name: torch.ones_like(tensor) for name, tensor in field.raw.items()}
     Price(STEPS, WEIGHT, BACKEND.device).add(field, gradients)
-    return field, {name: gradient.numpy() - 1 for name, gradient in gradients.items()}
+    return {name: gradient.numpy() - 1 for name, gradient in gradients.items()}
 
 
-def prices(field: Field) -> dict[str, torch.Tensor]:
-    """What a price adds to the gradients of zeros."""
-    gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
-    Price(STEPS, WEIGHT, BACKEND.device).add(field, gradients)
-    return gradients
+def slope(values: Float32Array, step: float) -> Float32Array:
+    """Slope of the price of values, by torch's own derivative."""
+    leaf = torch.from_numpy(values).double().requires_grad_()
+    bits = torch.log2(1 + leaf.abs() / step)
+    (found,) = torch.autograd.grad(WEIGHT * bits.sum(), leaf)
+    return np.asarray(found.numpy(), np.float32)
 
 
-def test_it_is_the_slope_of_bits() -> None:
-    field, found = priced()
+def neighbours(values: Float32Array) -> Float32Array:
+    """Mean of up to `PRICE.near` neighbours in drawing order, of (N, C)."""
+    reach = PRICE.near // 2
+    near = [values[max(0, n - reach) : n + reach + 1].mean(axis=0) for n in range(len(values))]
+    return np.stack(near)
+
+
+def test_a_carried_gaussian_pays_for_its_changes() -> None:
+    field = predicted()
+    found = prices(field)
     for name in LOOK:
-        change = field.raw[name].double().requires_grad_()
-        bits = torch.log2(1 + change.abs() / STEPS[name][0])
-        (slope,) = torch.autograd.grad(WEIGHT * bits.sum(), change)
-        expected = slope.numpy()
-        expected[20:] = 0  # new Gaussians have no change
-        np.testing.assert_allclose(found[name], expected, atol=1e-5)
-        assert np.abs(expected[:20]).max() > 10 * 1e-5
+        expected = PRICE.change * slope(field.raw[name].numpy(), STEPS[name][0])
+        np.testing.assert_allclose(found[name][:CARRIED], expected[:CARRIED], atol=1e-5)
+        assert np.abs(expected[:CARRIED]).max() > 10 * 1e-5
 
 
-def test_no_change_costs_nothing() -> None:
-    _, anchor, stored = example()
-    for name in LOOK:
-        getattr(stored, name)[:] = 0
-    field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+@pytest.mark.parametrize(("make", "first"), [(key, 0), (predicted, CARRIED)])
+def test_a_new_one_pays_for_opacity_and_scales(make: Callable[[], Field], first: int) -> None:
+    field = make()
+    found, raw = prices(field), {name: tensor.numpy() for name, tensor in field.raw.items()}
+    opacity = PRICE.log_opacity * slope(raw["log_opacity"], STEPS["log_opacity"][0])
+    apart = raw["log_scale"] - neighbours(raw["log_scale"])
+    scale = PRICE.log_scale * slope(apart, STEPS["log_scale"][0])
+    for name, expected in (("log_opacity", opacity), ("log_scale", scale)):
+        np.testing.assert_allclose(found[name][first:], expected[first:], atol=1e-5)
+        assert np.abs(expected[first:]).max() > 10 * 1e-5
+    for name in ("position", "rotation", "colour"):
+        assert not found[name][first:].any()
+
+
+@pytest.mark.parametrize("make", [key, predicted])
+def test_the_usual_costs_nothing(make: Callable[[], Field]) -> None:
+    field = make()
+    field.raw["log_opacity"][:] = 0
+    field.raw["log_scale"][:] = 0 if field.anchor else 1.5
+    for name in ("position", "rotation", "colour"):
+        field.raw[name][:] = 0
     found = prices(field)
     assert not any(found[name].any() for name in LOOK)
 
 
-def test_motion_pays_where_it_differs_from_that_of_its_neighbours() -> None:
-    _, anchor, stored = example()
+@pytest.mark.parametrize("make", [key, predicted])
+def test_motion_pays_where_it_differs_from_that_of_its_neighbours(
+    make: Callable[[], Field],
+) -> None:
+    field = make()
     for name in ("linear", "quadratic"):
-        getattr(stored, name)[:] = 0.25
-        getattr(stored, name)[9, 0] = 0.5
-    field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        field.raw[name][:] = 0.25
+        field.raw[name][9, 0] = 0.5
     found = prices(field)
     for name in ("linear", "quadratic"):
-        apart = found[name].numpy()[:, 0]
-        assert 0 < apart[9] < WEIGHT / math.log(2) / (0.2 + STEPS[name][0])
+        apart = found[name][:, 0]
+        own = np.array([0.25 * (1 - 1 / PRICE.near)], np.float32)
+        expected = PRICE.motion * float(slope(own, STEPS[name][0])[0])
+        assert apart[9] == pytest.approx(expected, rel=1e-2)
         # Its neighbours are drawn towards it, and nothing draws where all are the same.
         assert (apart[[8, 10]] < 0).all()
         assert not apart[27]
-        assert not found[name].numpy()[:, 1].any()
+        assert not found[name][:, 1].any()
 
 
 def test_what_is_not_trained_is_no_matter() -> None:
-    field, found = priced("triplane")
+    field = predicted("triplane")
+    found = prices(field)
     assert "linear" not in field.raw
     assert np.abs(found["position"]).max() > 0
-    assert not found["xy"].any()
+    assert not any(found[name].any() for name in ("xy", "xt", "yt"))
+
+
+def test_it_grows_with_what_a_bit_is_worth() -> None:
+    field = key()
+    found = []
+    for weight in (WEIGHT, 2 * WEIGHT):
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
+        Price(STEPS, weight, BACKEND.device).add(field, gradients)
+        found.append(gradients["log_opacity"].numpy())
+    np.testing.assert_allclose(found[1], 2 * found[0], rtol=1e-6)
+    least = WEIGHT / math.log(2) * PRICE.log_opacity / (np.abs(field.gop().log_opacity).max() + 1)
+    assert np.abs(found[0]).min() > least
 
 
 def test_slopes_are_computed_anew_after_some_steps() -> None:
-    _, anchor, stored = example()
-    field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+    field = predicted()
     price = Price(STEPS, WEIGHT, BACKEND.device)
 
-    def added() -> np.ndarray:
+    def added() -> Float32Array:
         gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
         price.add(field, gradients)
-        return gradients["position"].numpy()
+        return np.asarray(gradients["position"].numpy())
 
     first = added()
     field.raw["position"][:] *= -3
-    for _ in range(PREDICTION.priced_steps - 1):
+    for _ in range(PRICE.steps - 1):
         np.testing.assert_array_equal(added(), first)
     second = added()
     assert (second * first <= 0).all()

@@ -14,7 +14,7 @@ from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import refined_steps, usual_qscale
 from gsvrcodec.fit.quantised import Quantised, QuantisedFit, as_published, quantisable
 from gsvrcodec.fit.rate_control import Candidate
-from gsvrcodec.fit.static import with_static
+from gsvrcodec.fit.static import with_static, with_usual_opacity
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, Refined, dequantised
 from tests import making
@@ -66,9 +66,9 @@ def test_quality_falls_with_the_qscale(fit: QuantisedFit) -> None:
 class TestQuantised:
     def test_quality_is_what_a_decoder_shows(self, fit: QuantisedFit) -> None:
         stored = fit.quantised(2.0)
-        assert stored.precision == refined_steps(
-            with_static(fit.fit.gop, [fit.sensitivities], 2.0), fit.sensitivities, 2.0
-        )
+        gop = with_static(fit.fit.gop, [fit.sensitivities], 2.0)
+        gop = with_usual_opacity(gop, np.ones(len(gop), np.bool_), fit.sensitivities, 2.0)
+        assert stored.precision == refined_steps(gop, fit.sensitivities, 2.0)
         shown = dequantised(stored.gop, stored.precision)
         assert stored.psnr == mean_psnr(shown, fit.fit.footage, BACKEND)
 
@@ -92,6 +92,13 @@ class TestQuantised:
             int((untuned(fit).quantised(qscale).gop.indicator == 1).sum()) for qscale in (0.1, 16.0)
         ]
         assert static[0] < static[1]
+
+    def test_what_hardly_shows_of_opacities_is_left_out(self, fit: QuantisedFit) -> None:
+        usual = [
+            int((untuned(fit).quantised(qscale).gop.log_opacity == 0).sum())
+            for qscale in (0.1, 16.0)
+        ]
+        assert usual[0] < usual[1]
 
     @pytest.mark.parametrize("trials", [1, 3])
     def test_trials_share_a_wall_time(

@@ -11,7 +11,7 @@ import pytest
 from gsvrcodec.encoder.settings import Preset
 from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL, STEPS
-from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 
 
 @pytest.mark.parametrize("recipe", [MAIN, PAPER], ids=["main", "paper"])
@@ -20,7 +20,10 @@ class TestRecipes:
         assert set(recipe.rates) == {attribute.name for attribute in ATTRIBUTES}
         for attribute in ATTRIBUTES:
             rates = np.broadcast_to(recipe.rates[attribute.name], attribute.components)
-            assert (rates > 0).all()
+            # Tri-planes of means have no colours.
+            used = MEAN_CHANNELS if recipe is MAIN and attribute.name == "xy" else len(rates)
+            assert (rates[:used] > 0).all()
+            assert not rates[used:].any()
 
     def test_rates_fall_nearly_to_nothing(self, recipe: Recipe) -> None:
         factors = [recipe.decay(spent) for spent in np.linspace(0, 1, 21)]

@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gsvrcodec.fit.effect import effects
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.relocate import relocate
 from gsvrcodec.fit.start import content_aware
+from gsvrcodec.fit.tuned import RELOCATION
+from gsvrcodec.metrics import squared_error
+from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render import render_frames
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, times
 
@@ -27,7 +31,7 @@ def started(frames: Frames, gaussians: int, deform: Deform = "hybrid") -> Field:
 def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     frames = moving_texture(3, (0, 0), SIZE)
     field = started(frames, 400, deform)
-    field.raw["colour"].data[:50] *= 1e-4
+    field.raw["log_opacity"].data[:50] = -11  # they hardly show
     before = field.gop()
     shown = render_frames(before, times(3), SIZE, SIZE)
     # The picture is met everywhere but in its lower right.
@@ -39,12 +43,41 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     assert sorted(order) == list(range(400))
     assert moved.sum() == 40
     assert (order[moved] < 50).all()
-    assert not after.colour[moved].any()
+    assert (after.log_opacity[moved] >= 0).all()
     assert (after.position[moved] > (0.2, 0.2)).mean() > 0.9
-    np.testing.assert_array_equal(after.position[~moved], before.position[order[~moved]])
-    # What moved is black, and what it left was next to nothing.
-    differs = np.abs(render_frames(after, times(3), SIZE, SIZE).astype(int) - shown)
-    assert differs.max() <= 3
+    for name in ("position", "colour", "log_opacity"):
+        value = getattr(after, name)[~moved]
+        np.testing.assert_array_equal(value, getattr(before, name)[order[~moved]])
+    # Nothing changes but where the error was, and what comes there is of use.
+    now = render_frames(after, times(3), SIZE, SIZE)
+    differs = np.abs(now.astype(int) - shown)
+    assert differs[:, :34, :54].max() <= 3
+    before_it, after_it = (squared_error(one.astype(np.uint8), wanted) for one in (shown, now))
+    assert after_it < 0.8 * before_it
+
+
+def test_a_moved_gaussian_has_the_colour_of_its_pixel() -> None:
+    frames = moving_texture(1, (0, 0), SIZE)
+    field = started(frames, 400, "polynomial")
+    _, moved = relocate(field, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
+    gop = field.gop()
+    assert moved.sum() == 40
+    x, y = np.floor((gop.position[moved] + 1) / 2 * SIZE).astype(int).T
+    np.testing.assert_allclose(gop.colour[moved], frames[0, y, x] / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("log_opacity", [-5.0, 0.0, 5.0])
+def test_opacities_follow_the_weights_that_are_there(log_opacity: float) -> None:
+    frames = moving_texture(1, (0, 0), SIZE)
+    field = started(frames, 400, "polynomial")
+    field.raw["log_opacity"][:] = log_opacity
+    weights = BACKEND.sums(BACKEND.prepare(field.drawn()), 0.0, SIZE, SIZE)[..., 3] + GROUND
+    _, moved = relocate(field, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
+    gop = field.gop()
+    x, y = np.floor((gop.position[moved] + 1) / 2 * SIZE).astype(int).T
+    expected = np.log(np.maximum(RELOCATION.weight * weights[y, x], 1))
+    np.testing.assert_allclose(gop.log_opacity[moved], expected, atol=1e-5)
+    assert expected.any() == (log_opacity > 0)
 
 
 def test_a_moved_gaussian_follows_its_neighbours() -> None:
@@ -77,7 +110,7 @@ def test_more_gaussians_come_where_the_error_is() -> None:
     after = field.gop()
     assert len(after) == 130
     assert new.sum() == 40
-    assert not after.colour[new].any()
+    assert (after.log_opacity[new] >= 0).all()
     assert len(set(order[~new])) == 90
     np.testing.assert_array_equal(after.position[~new], before.position[order[~new]])
     np.testing.assert_array_equal(after.colour[~new], before.colour[order[~new]])
@@ -86,13 +119,16 @@ def test_more_gaussians_come_where_the_error_is() -> None:
 
 def test_the_weakest_leave() -> None:
     frames = moving_texture(2, (0, 0), (40, 30))
-    field = started(frames, 100)
-    field.raw["colour"].data[20:50] *= 1e-4
+    field = started(frames, 300)
+    field.raw["log_opacity"].data[20:50] = -11
     before = field.gop()
+    found = effects(before, before, times(2), (40, 30), (40, 30), BACKEND)
     args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
     order, new = relocate(field, *args, more=-30)
     after = field.gop()
-    assert len(after) == 70
-    assert new.sum() == 10
-    assert sorted(order) == [*range(20), *range(50, 100)]
+    assert len(after) == 270
+    assert new.sum() == 30
+    left = np.setdiff1d(np.arange(300), order)
+    assert found[left].max() <= found[order].min()
+    assert ((left >= 20) & (left < 50)).mean() > 0.8
     np.testing.assert_array_equal(after.position[~new], before.position[order[~new]])

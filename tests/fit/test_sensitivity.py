@@ -11,6 +11,7 @@ import pytest
 from gsvrcodec.fit.sensitivity import sensitivities
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.static import append_gaussians, static_gop
 from gsvrcodec.render.native import NativeBackend
 from tests import making
 from tests.fit.synthetic import BACKEND, footage, times
@@ -28,6 +29,14 @@ def pictures(gop: Gop, taus: Float32Array) -> Float32Array:
 def measured(gop: Gop, frames: int = 3, seed: int = 0, threads: int = 0) -> Gop:
     shots = footage(np.zeros((frames, SIZE[1], SIZE[0], 3), np.uint8))
     return sensitivities(shots, gop, np.random.default_rng(seed), NativeBackend(threads))
+
+
+def covering() -> Gop:
+    """One grey Gaussian that covers the frame."""
+    none, grey = np.zeros(1, np.float32), np.full((1, 3), 0.5, np.float32)
+    return static_gop(
+        np.zeros((1, 2), np.float32), np.full((1, 2), 8, np.float32), none, grey, none
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +74,9 @@ def test_threads_do_not_matter(gop: Gop) -> None:
 def test_of_what_an_anchor_makes_relative() -> None:
     """The motion of a carried Gaussian moves its position too; that of a new one does not."""
     _, anchor, stored = example()
-    shots = footage(np.zeros((3, SIZE[1], SIZE[0], 3), np.uint8))
+    # Where nothing is behind, the edge of a Gaussian is a cliff, and no small change is small.
+    behind = covering()
+    shots = footage(np.zeros((3, SIZE[1], SIZE[0], 3), np.uint8), behind)
     drawn = anchor.gop(stored)
     plain, found = (
         sensitivities(shots, drawn, np.random.default_rng(0), BACKEND, one)
@@ -84,7 +95,11 @@ def test_of_what_an_anchor_makes_relative() -> None:
             values = getattr(stored, name)
             sign = (2 * draw.integers(0, 2, values.shape) - 1) * anchor.carried[:, None]
             moved = replace(stored, **{name: (values + size * sign).astype(np.float32)})
-            apart = pictures(anchor.gop(moved), times(3)) - pictures(drawn, times(3))
+            now, before = (
+                pictures(append_gaussians(one, behind), times(3))
+                for one in (anchor.gop(moved), drawn)
+            )
+            apart = now - before
             errors.append(np.square(apart).sum() / 3 / size**2)
         return float(np.mean(errors))
 

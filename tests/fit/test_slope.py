@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from gsvrcodec.fit.precision import bit_worth
 from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.tuned import SLOPE
-from gsvrcodec.model.gop import Gop
-from tests import making
-
-
-@pytest.fixture
-def gop() -> Gop:
-    return making.random_gop(np.random.default_rng(2), gaussians=5)
 
 
 class TestNumber:
@@ -42,15 +33,15 @@ class TestNumber:
 
 
 class TestWorthwhile:
-    def test_by_what_they_draw(self, gop: Gop) -> None:
-        ones = replace(gop, colour=np.ones_like(gop.colour))
+    def test_by_the_error_without_them(self) -> None:
         least = SLOPE.gaussian_bits * bit_worth(0.5)
-        colour = np.sqrt(np.array([0.0, 0.9, 1.1, 4.0, 1e-9], np.float32) * least / 3)
-        drawn = replace(gop, colour=np.repeat(colour[:, None], 3, axis=1))
-        assert Slope(0.5, 9).worthwhile(drawn, ones).tolist() == [False, False, True, True, False]
+        losses = np.array([0.0, 0.9, 1.1, 4.0, 1e-9]) * least
+        assert Slope(0.5, 9).worthwhile(losses).tolist() == [False, False, True, True, False]
         lasting = Slope(0.5, 9, lasting=1.2)
-        assert lasting.worthwhile(drawn, ones).tolist() == [False, True, True, True, False]
+        assert lasting.worthwhile(losses).tolist() == [False, True, True, True, False]
 
-    def test_one_stays(self, gop: Gop) -> None:
-        nothing = replace(gop, colour=np.zeros_like(gop.colour))
-        assert Slope(16.0, 9).worthwhile(nothing, nothing).sum() == 1
+    def test_the_best_one_stays(self) -> None:
+        least = SLOPE.gaussian_bits * bit_worth(16.0)
+        losses = np.array([0.0, 0.3, 0.1]) * least
+        assert Slope(16.0, 9).worthwhile(losses).tolist() == [False, True, False]
+        assert Slope(16.0, 9).worthwhile(np.zeros(3)).sum() == 1

@@ -92,7 +92,8 @@ class TestAnchored:
         none = np.arange(28) % 2 == 0
         for name in LOOK:
             getattr(gop, name)[none] = 0
-        gop.rotation[~none] = 0.4  # some steps: it does not round to nothing
+        for name in ("log_scale", "rotation", "log_opacity"):
+            getattr(gop, name)[~none] = 0.4  # some steps: it does not round to nothing
         np.testing.assert_array_equal(unchanged(gop), none)
         result = self.staged(gop, anchor)
         held = none & anchor.carried

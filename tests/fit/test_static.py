@@ -9,7 +9,7 @@ import pytest
 
 from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.precision import equal_slope_steps
-from gsvrcodec.fit.static import with_static, with_unchanged
+from gsvrcodec.fit.static import with_static, with_unchanged, with_usual_opacity
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import dequantised
 from tests.render.examples import random_gop
@@ -63,6 +63,32 @@ def test_they_are_exactly_static_once_decoded(qscale: float) -> None:
     assert (decoded.indicator[:20] == 1).all()
     assert not decoded.linear[:20].any()
     assert not decoded.quadratic[:20].any()
+
+
+class TestUsualOpacity:
+    NEW = np.arange(40) < 30
+
+    def gop(self) -> Gop:
+        """Ten opacities near 1 at either end, others far from it."""
+        gop = random_gop(40)
+        gop.log_opacity[:] = 2.0
+        gop.log_opacity[:10] = gop.log_opacity[30:] = FEW
+        return gop
+
+    def test_new_ones_near_1_have_none(self) -> None:
+        gop = self.gop()
+        stored = with_usual_opacity(gop, self.NEW, _sensitivities(gop), 1.0)
+        assert not stored.log_opacity[:10].any()
+        np.testing.assert_array_equal(stored.log_opacity[10:], gop.log_opacity[10:])
+        assert stored.log_opacity.dtype == np.float32
+        for name in {*Gop.__slots__} - {"log_opacity"}:
+            assert getattr(stored, name) is getattr(gop, name)
+
+    @pytest.mark.parametrize(("qscale", "usual"), [(0.01, 0), (1.0, 10), (1e3, 30)])
+    def test_more_where_bits_are_dear(self, qscale: float, usual: int) -> None:
+        gop = self.gop()
+        stored = with_usual_opacity(gop, self.NEW, _sensitivities(gop), qscale)
+        assert (stored.log_opacity == 0).sum() == usual
 
 
 class TestUnchanged:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.gop_payload import plane_table
@@ -12,6 +11,7 @@ from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import NotGsvrError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ALL_ATTRIBUTES, ATTRIBUTES
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.report.inspect import inspect, inspect_bytes, verify
 from tests import making
 from tests.vectors.make import VALID
@@ -21,7 +21,7 @@ class TestInspect:
     def test_numbers(self, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr", settings={"seed": 3})
         info = inspect(path)
-        stored = making.random_gop(np.random.default_rng(7)).parameters
+        stored = 14 * 60 + 6 * (4 * 3 + 4 * 5 + 3 * 5)
         assert [gop.frames for gop in info.gops] == [5, 3, 4]
         assert [gop.first_frame for gop in info.gops] == [0, 5, 8]
         assert [gop.parameters for gop in info.gops] == [stored] * 3
@@ -36,9 +36,10 @@ class TestInspect:
         assert (data["width"], data["height"], data["frames"]) == (48, 32, 12)
         assert data["settings"] == {"seed": 3}
 
-    def test_without_a_tri_plane(self, tmp_path: Path) -> None:
-        info = inspect(making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0)))
-        assert {gop.parameters for gop in info.gops} == {13 * 60}
+    @pytest.mark.parametrize(("blending", "each"), [("mean", 14), ("sum", 13)])
+    def test_without_a_tri_plane(self, tmp_path: Path, blending: Blending, each: int) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0), blending=blending)
+        assert {gop.parameters for gop in inspect(path).gops} == {each * 60}
 
     def test_predicted_gops(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", predicted=True))
@@ -49,9 +50,9 @@ class TestInspect:
             (12, 24, 24, 12),
             (12, 24, 24, 12),
         ]
-        grid = 8 * (4 * 3 + 4 * 5 + 3 * 5)
-        predicted = 60 + 8 * 24 + 5 * 24 + 13 * 12 + grid
-        assert [gop.parameters for gop in info.gops] == [13 * 60 + grid, predicted, predicted]
+        grid = 6 * (4 * 3 + 4 * 5 + 3 * 5)
+        predicted = 60 + 9 * 24 + 5 * 24 + 14 * 12 + grid
+        assert [gop.parameters for gop in info.gops] == [14 * 60 + grid, predicted, predicted]
         data = info.to_dict()
         assert (data["key_gops"], data["gaussians"], data["carried_gaussians"]) == (1, 180, 96)
         assert not data["image_codecs"]
