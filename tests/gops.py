@@ -16,9 +16,11 @@ from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.attributes import triplane_channels
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes
 from gsvrcodec.model.quantise import Precision, Refined
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.refinement import Refinement
 from gsvrcodec.planes import PACKS
 
@@ -28,6 +30,7 @@ BITS: Mapping[str, int] = {
     "log_scale": 8,
     "rotation": 7,
     "colour": 10,
+    "log_opacity": 7,
     "indicator": 6,
     "linear": 11,
     "quadratic": 9,
@@ -39,17 +42,22 @@ SIXTEEN_BITS: Mapping[str, int] = dict.fromkeys(BITS, 16)
 #: Bits of base values, and up to three more for new Gaussians.
 REFINED: Precision = {
     **BITS,
-    "position": Refined((0.02, 0.02), Refinement(-4, 3)),
+    "position": Refined((0.02, 0.02), Refinement(-2, 3)),
     "log_scale": Refined((0.1, 0.1), Refinement(0, 2)),
-    "rotation": Refined((math.pi / 16,), Refinement(1, 3)),
-    "colour": Refined((0.02, 0.02, 0.02), Refinement(1, 1)),
-    "linear": Refined((0.002, 0.002), Refinement(-2, 8)),
+    "rotation": Refined((math.pi / 16,), Refinement(0, 3)),
+    "colour": Refined((0.02, 0.02, 0.02), Refinement(0, 1)),
+    "linear": Refined((0.002, 0.002), Refinement(-8, 8)),
 }
 
 HEADER = Header(width=64, height=48, time_base=Fraction(1, 1000))
 
 
-def make_gop(gaussians: int, grid: tuple[int, int, int] = (0, 0, 0), seed: int = 0) -> Gop:
+def make_gop(
+    gaussians: int,
+    grid: tuple[int, int, int] = (0, 0, 0),
+    seed: int = 0,
+    blending: Blending = "mean",
+) -> Gop:
     """A GOP of random values of usual size."""
     draw = np.random.default_rng(seed)
     gx, gy, gt = grid
@@ -58,7 +66,7 @@ def make_gop(gaussians: int, grid: tuple[int, int, int] = (0, 0, 0), seed: int =
         values: Float32Array = (mean + spread * draw.standard_normal(shape)).astype(np.float32)
         return values
 
-    return Gop(
+    gop = Gop(
         position=draw.uniform(-1, 1, (gaussians, 2)).astype(np.float32),
         log_scale=normal(1, 0.5, gaussians, 2),
         rotation=draw.uniform(0, 3, gaussians).astype(np.float32),
@@ -69,7 +77,14 @@ def make_gop(gaussians: int, grid: tuple[int, int, int] = (0, 0, 0), seed: int =
         xy=normal(0, 0.02, gy, gx, 8),
         xt=normal(1, 0.1, gt, gx, 8),
         yt=normal(1, 0.1, gt, gy, 8),
+        log_opacity=normal(0, 1, gaussians),
     )
+    if blending == "sum":
+        gop.log_opacity[:] = 0
+    else:
+        for plane in (gop.xy, gop.xt, gop.yt):
+            plane[..., triplane_channels(blending) :] = 0
+    return gop
 
 
 def make_payload(
@@ -84,11 +99,12 @@ def make_payload(
     seed: int = 0,
     reference: int = 0,
     carried: Carried | None = None,
+    blending: Blending = "mean",
 ) -> bytes:
     """The payload of a GOP of 40-tick frames; of a predicted one with so many new Gaussians."""
     pts = start_pts + 40 * np.arange(frames, dtype=np.int64)
     return pack_gop(
-        make_gop(gaussians, grid, seed),
+        make_gop(gaussians, grid, seed, blending),
         pts,
         np.full(frames, 40, np.int64),
         first_frame,
@@ -96,6 +112,7 @@ def make_payload(
         PACKS[pack],
         reference=reference,
         carried=carried,
+        blending=blending,
     )
 
 
@@ -105,7 +122,7 @@ def make_modes(gaussians: int, seed: int = 0) -> Modes:
     return np.random.default_rng(seed).permutation(modes).astype(np.uint8)
 
 
-def make_carried(mode: Modes, seed: int = 0) -> Carried:
+def make_carried(mode: Modes, seed: int = 0, blending: Blending = "mean") -> Carried:
     """Random changes and motions of usual size."""
     draw = np.random.default_rng(seed)
     changed = int(np.count_nonzero(mode & CHANGED))
@@ -124,6 +141,7 @@ def make_carried(mode: Modes, seed: int = 0) -> Carried:
         indicator=draw.uniform(0, 1, moved).astype(np.float32),
         linear=normal(0.02, moved, 2),
         quadratic=normal(0.01, moved, 2),
+        log_opacity=normal(0.5, changed) * np.float32(blending == "mean"),
     )
 
 
@@ -136,6 +154,7 @@ def make_chain(
     pack: str = "deflate",
     bits: Precision = BITS,
     references: Sequence[int] | None = None,
+    blending: Blending = "mean",
 ) -> list[bytes]:
     """Payloads of a chain: a key GOP, and GOPs with Gaussians of every mode.
 
@@ -147,8 +166,11 @@ def make_chain(
         pack: Plane codecs.
         bits: Bits of each attribute.
         references: Number of the GOP that each predicted GOP refers to; None = the one before.
+        blending: How pictures are formed.
     """
-    payloads = [make_payload(gaussians, grid, frames=frames[0], pack=pack, bits=bits)]
+    payloads = [
+        make_payload(gaussians, grid, frames=frames[0], pack=pack, bits=bits, blending=blending)
+    ]
     counts, firsts = [gaussians], [0]
     for number in range(1, len(frames)):
         reference = number - 1 if references is None else references[number - 1]
@@ -165,7 +187,8 @@ def make_chain(
                 bits=bits,
                 seed=number,
                 reference=firsts[-1] - firsts[reference],
-                carried=make_carried(mode, seed=number),
+                carried=make_carried(mode, number, blending),
+                blending=blending,
             )
         )
         counts.append(int(np.count_nonzero(mode != DROPPED)) + new)

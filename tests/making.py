@@ -21,6 +21,7 @@ from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.video import OutputInfo, open_writer
 from tests.gops import make_carried, make_modes
@@ -134,13 +135,14 @@ def random_gop(
         position=rng.uniform(-1, 1, (gaussians, 2)).astype(np.float32),
         log_scale=rng.uniform(0, 2, (gaussians, 2)).astype(np.float32),
         rotation=rng.uniform(0, np.pi, gaussians).astype(np.float32),
-        colour=rng.uniform(-0.2, 1, (gaussians, 3)).astype(np.float32),
+        colour=rng.uniform(-0.3, 1.3, (gaussians, 3)).astype(np.float32),
         indicator=rng.uniform(0, 1, gaussians).astype(np.float32),
         linear=normal(gaussians, 2, sigma=0.1),
         quadratic=normal(gaussians, 2, sigma=0.05),
         xy=normal(gy, gx, 8, sigma=0.05),
         xt=1 + normal(gt, gx, 8, sigma=0.05),
         yt=1 + normal(gt, gy, 8, sigma=0.05),
+        log_opacity=normal(gaussians),
     )
 
 
@@ -151,6 +153,7 @@ def _payloads(
     grid: tuple[int, int, int],
     one_shot: bool,
     predicted: bool,
+    blending: Blending,
 ) -> list[bytes]:
     """GOPs of random Gaussians; kept, for many tests ask for the same."""
     rng = np.random.default_rng(7)
@@ -165,15 +168,24 @@ def _payloads(
             gop.quadratic[:] /= 9
         if predicted and found:
             new = select_gaussians(gop, np.arange(len(gop)) < 12)
-            carried = make_carried(make_modes(gaussians, len(found)), len(found))
+            carried = make_carried(make_modes(gaussians, len(found)), len(found), blending)
             reference = frames[len(found) - 1]
-            found.append(
-                pack_gop(new, pts, durations, first, bits, reference=reference, carried=carried)
-            )
             gaussians = carried.kept + len(new)
         else:
-            found.append(pack_gop(gop, pts, durations, first, bits))
+            new, carried, reference = gop, None, 0
             gaussians = len(gop)
+        found.append(
+            pack_gop(
+                new,
+                pts,
+                durations,
+                first,
+                bits,
+                reference=reference,
+                carried=carried,
+                blending=blending,
+            )
+        )
         first += count
     return found
 
@@ -215,7 +227,7 @@ def gsvr_file(
     with path.open("w+b") as file:
         writer = GsvrWriter(file, fields)
         for payload in _payloads(
-            tuple(frames), tuple(map(tuple, times)), grid, one_shot, predicted
+            tuple(frames), tuple(map(tuple, times)), grid, one_shot, predicted, fields.blending
         ):
             writer.add_gop(payload)
         if settings is not None:

@@ -88,6 +88,9 @@ def patched(data: bytes, kind: bytes, offset: int, layout: str, *values: float |
 #: Offset of the plane table in a GOP whose timing is a single run of small numbers.
 TABLE_OFFSET = GOP_HEAD_BYTES + 3
 ENTRY_BYTES = 16
+#: Planes of a key GOP with a tri-plane, where pictures are means; in a predicted GOP that has new
+#: Gaussians too, the number of the plane `mode`.
+MODES = 14 + 3 * 6
 
 
 def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> bytes:

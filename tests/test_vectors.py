@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,14 +19,17 @@ from gsvrcodec.bitstream.index import END_BYTES, ENTRY_BYTES
 from gsvrcodec.bitstream.plane_table import PLANE_ENTRY_BYTES
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
+from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.pyramid import level_of
+from gsvrcodec.model.reconstruction import CUTOFF, DILATION, GROUND
 from gsvrcodec.native import _core
+from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
-from tests.gops import decode_all
+from tests.gops import decode_all, make_gop
 from tests.vectors import check, decode, make, numpy_decoder
 from tests.vectors.description import Picture, description, render
 from tests.vectors.faults import faulty_vectors
-from tests.vectors.regular import irregular
+from tests.vectors.regular import irregular, regular_samples, sensitivity
 from tests.vectors.streams import RANDOM, STREAMS
 from tests.vectors.worked_example import hex_dump
 
@@ -105,7 +109,8 @@ class TestStreams:
             divisions.add((head[offset] & 15, head[offset] >> 4))
             thresholds.add(head[offset + 1])
         assert firsts == {0, 2, 3}  # guided by a plane only with neighbours
-        assert {0, 1, 2, 3, 4, 5, 6, 7} <= priors
+        assert {0, 1, 2} <= priors  # none, the last one or two, and all of early and late planes
+        assert {3, 4, 6, 7, 10} <= priors
         assert divisions == {(4, 2), (7, 2), (3, 1), (2, 0)}
         assert {0, 1, 7} <= thresholds
 
@@ -131,7 +136,7 @@ class TestDecoders:
     def test_reference(self, path: Path) -> None:
         with GsvrReader(path) as reader:
             for picture in pictures(path):
-                found = render(reader, picture, ReferenceBackend())
+                found = render(reader, picture, ReferenceBackend(reader.header.blending))
                 wanted = check.read_picture(picture.file)
                 assert np.count_nonzero(found != wanted) <= 1  # a sum in another order
 
@@ -139,6 +144,51 @@ class TestDecoders:
     def assert_passes(paths: list[Path], folder: Path) -> None:
         for path in paths:
             assert not list(check.differences(path.with_suffix(".json"), folder))
+
+
+class TestRegularClass:
+    """Random pictures, some with Gaussians so opaque that decoders disagree at their ends."""
+
+    @staticmethod
+    def random(seed: int) -> tuple[Gop, tuple[int, int]]:
+        draw = np.random.default_rng(seed)
+        gop = make_gop(int(draw.integers(1, 80)), (3, 2, 4), seed)
+        gop.log_opacity[:] = draw.normal(0, draw.choice([1, 3, 6]), len(gop)).clip(-12, 12)
+        gop.log_scale[:] += draw.uniform(-1, 1)
+        width, height = draw.permutation([draw.integers(8, 60), draw.choice([20, 60, 1500])])
+        return gop, (int(width), int(height))
+
+    def test_regular_samples_are_within_one_code(self) -> None:
+        found, wanted = NativeBackend(1), ReferenceBackend()
+        taus = np.array([0.3], np.float32)
+        of_regular, of_others = [], []
+        for seed in range(30):
+            gop, size = self.random(seed)
+            (native,) = found.render(found.prepare(gop), taus, size, size)
+            (reference,) = wanted.render(wanted.prepare(gop), taus, size, size)
+            difference = np.abs(native.astype(int) - reference)
+            regular = regular_samples(gop, 0.3, size, size)
+            assert difference[regular].max(initial=0) <= 1
+            assert np.count_nonzero(difference[regular]) <= 0.002 * regular.size + 16
+            of_regular.append(difference[regular])
+            of_others.append(difference[~regular])
+        plain, others = np.concatenate(of_regular), np.concatenate(of_others)
+        assert 0 < len(others) < 0.05 * len(plain)
+        assert others.mean() > 10 * plain.mean()
+
+    def test_sensitivity_of_one_gaussian_by_hand(self) -> None:
+        gop = make_gop(1)
+        gop.position[:], gop.log_scale[:], gop.log_opacity[:] = 0.5, 0, 3
+        gop.linear[:] = gop.quadratic[:] = 0
+        size = (8, 8)
+        found = sensitivity(gop, 0.0, size, size)
+        # The centre is at (6, 6), and the pixel (7, 5) is 1.5 and 0.5 pixels from it.
+        e = math.exp(-(1.5**2 + 0.5**2) / (1 + DILATION) / 2)
+        weight = math.exp(3) * (e - CUTOFF)
+        left = 1 - weight / (GROUND + weight)  # of the ground
+        expected = math.exp(3) * e * np.abs(gop.colour[0]) * left / (GROUND + weight)
+        np.testing.assert_allclose(found[5, 7], expected, rtol=1e-6)
+        assert not found[0, 0].any()
 
 
 class TestCheck:

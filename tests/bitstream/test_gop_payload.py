@@ -9,7 +9,7 @@ from collections import defaultdict
 from dataclasses import fields, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ from gsvrcodec.model.gop import Gop, grid_size
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, carry_over
 from gsvrcodec.model.quantise import Quantiser, dequantised
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS, Memory
 from tests.gops import (
@@ -51,6 +52,7 @@ HEADER = Header(
     max_grid=(9, 9, 9),
     flags_optional=IMAGE_CODECS_FLAG,
 )
+HEADERS = {blending: replace(HEADER, blending=blending) for blending in get_args(Blending)}
 ROOT = Path(__file__).parents[2]
 PTS = 40 * np.arange(3)
 DURATIONS = np.full(3, 40)
@@ -72,13 +74,19 @@ class TestRoundTrip:
         ),
         pack=st.sampled_from(sorted(PACKS)),
         bits=st.fixed_dictionaries({name: st.integers(1, 16) for name in BITS}),
+        blending=st.sampled_from(get_args(Blending)),
     )
     def test_a_decoder_gets_what_dequantised_says(
-        self, gaussians: int, grid: tuple[int, int, int], pack: str, bits: dict[str, int]
+        self,
+        gaussians: int,
+        grid: tuple[int, int, int],
+        pack: str,
+        bits: dict[str, int],
+        blending: Blending,
     ) -> None:
-        gop = make_gop(gaussians, grid)
-        payload = pack_gop(gop, PTS, DURATIONS, 5, bits, PACKS[pack])
-        content = unpack_gop(payload, HEADER, Limits())
+        gop = make_gop(gaussians, grid, 0, blending)
+        payload = pack_gop(gop, PTS, DURATIONS, 5, bits, PACKS[pack], blending=blending)
+        content = unpack_gop(payload, HEADERS[blending], Limits())
         assert_gops_equal(content.new, reordered(dequantised(gop, bits), strip_order(gop.position)))
         assert grid_size(content.new) == grid
         assert content.first_frame == 5
@@ -126,6 +134,7 @@ class TestPredicted:
         pack=st.sampled_from(sorted(PACKS)),
         bits=st.fixed_dictionaries({name: st.integers(1, 16) for name in BITS}),
         frames=st.integers(1, 4),
+        blending=st.sampled_from(get_args(Blending)),
     )
     def test_a_decoder_gets_what_was_quantised(
         self,
@@ -135,13 +144,22 @@ class TestPredicted:
         pack: str,
         bits: dict[str, int],
         frames: int,
+        blending: Blending,
     ) -> None:
-        carried = make_carried(np.array(modes, np.uint8), seed=new)
-        gop = make_gop(new, grid)
+        carried = make_carried(np.array(modes, np.uint8), new, blending)
+        gop = make_gop(new, grid, 0, blending)
         payload = pack_gop(
-            gop, PTS, DURATIONS, 9, bits, PACKS[pack], reference=frames, carried=carried
+            gop,
+            PTS,
+            DURATIONS,
+            9,
+            bits,
+            PACKS[pack],
+            reference=frames,
+            carried=carried,
+            blending=blending,
         )
-        content = unpack_gop(payload, HEADER, Limits())
+        content = unpack_gop(payload, HEADERS[blending], Limits())
         assert (content.reference, content.first_frame) == (frames, 9)
         assert_gops_equal(content.new, reordered(dequantised(gop, bits), strip_order(gop.position)))
         found = content.carried
@@ -160,9 +178,10 @@ class TestPredicted:
                     quantiser = Quantiser.fit(one, bits[name])
                     expected = quantiser.dequantise(quantiser.quantise(one))
                     np.testing.assert_array_equal(other, expected)
-        reference = make_gop(len(modes), (2, 2, 2), seed=4)
-        expected_gop = carry_over(reference, (frames, len(PTS)), found, content.new)
-        assert_gops_equal(content.gop(reference, frames), expected_gop)
+        reference = make_gop(len(modes), (2, 2, 2), 4, blending)
+        lengths = frames, len(PTS)
+        expected_gop = carry_over(reference, lengths, found, content.new, blending)
+        assert_gops_equal(content.gop(reference, frames, blending), expected_gop)
         with pytest.raises(ValueError, match="frame 9 needs its reference"):
             content.gop(None, 0)
         with pytest.raises(CorruptError, match="the GOP expects"):
@@ -174,7 +193,7 @@ class TestPredicted:
         payload = pack_gop(make_gop(0), PTS, DURATIONS, 9, steps, reference=9, carried=carried)
         content = unpack_gop(payload, HEADER, Limits())
         assert content.carried is not None
-        for name in ("position", "log_scale", "rotation", "colour"):
+        for name in ("position", "log_scale", "rotation", "colour", "log_opacity"):
             values = getattr(content.carried, name)
             np.testing.assert_array_equal(values % 0.25, 0)
             np.testing.assert_allclose(values, getattr(carried, name), atol=0.125)
@@ -219,10 +238,12 @@ class TestPack:
 
 
 class TestPlaneTable:
-    def test_says_what_is_in_a_gop(self) -> None:
-        payload = make_payload(50, (4, 3, 2), pack="auto")
-        entries, offset = plane_table(payload, HEADER, Limits())
-        assert len(entries) == 37
+    @pytest.mark.parametrize(("blending", "planes"), [("mean", 14 + 3 * 6), ("sum", 13 + 3 * 8)])
+    def test_says_what_is_in_a_gop(self, blending: Blending, planes: int) -> None:
+        payload = make_payload(50, (4, 3, 2), pack="auto", blending=blending)
+        entries, offset = plane_table(payload, HEADERS[blending], Limits())
+        assert len(entries) == planes
+        assert ("log_opacity" in {entry.name for entry in entries}) == (blending == "mean")
         assert [entry.name for entry in entries[:5]] == [
             "position.0",
             "position.1",
@@ -234,6 +255,14 @@ class TestPlaneTable:
         assert (entries[-1].width, entries[-1].height) == (3, 2)
         assert entries[0].quantiser.bits == 13
         assert offset + sum(entry.size for entry in entries) + TABLE_BYTES == len(payload)
+
+    @pytest.mark.parametrize("blending", get_args(Blending))
+    def test_is_not_that_of_the_other_blending(self, blending: Blending) -> None:
+        """A header that says means over sums, or the other way round, fits no GOP."""
+        (other,) = set(get_args(Blending)) - {blending}
+        for payload in make_chain((3, 2), blending=blending):
+            with pytest.raises(CorruptError, match="planes, expected"):
+                plane_table(payload, HEADERS[other], Limits())
 
     def test_is_empty_without_gaussians(self) -> None:
         payload = make_payload(0)

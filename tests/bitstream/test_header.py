@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gsvrcodec.bitstream.header import HEADER_BYTES, ColourInfo, Header, parse_header
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.reconstruction import Blending
 from tests.gops import HEADER
 
 BYTE = st.integers(0, 255)
@@ -40,6 +41,7 @@ def headers(draw: st.DrawFn) -> Header:
         max_grid=(draw(WORD), draw(WORD), draw(WORD)),
         frames=draw(st.integers(0, 2**64 - 1)),
         gops=draw(st.integers(0, 2**32 - 1)),
+        blending=draw(st.sampled_from(get_args(Blending))),
     )
 
 
@@ -47,12 +49,13 @@ class TestHeader:
     @given(headers())
     def test_round_trip(self, header: Header) -> None:
         payload = header.to_bytes()
-        assert len(payload) == HEADER_BYTES == 70
+        assert len(payload) == HEADER_BYTES == 72
         assert parse_header(payload, LIMITS) == header
 
     @given(st.binary(min_size=HEADER_BYTES, max_size=HEADER_BYTES))
     def test_random_bytes_raise_our_errors_alone(self, payload: bytes) -> None:
-        for data in (payload, b"\1\0\0\0\0\0\0\0" + payload[8:]):
+        sound = b"\1\0\0\0\0\0\0\0" + payload[8:-2] + bytes([payload[-2] % 2, 0])
+        for data in (payload, sound):
             try:
                 header = parse_header(data, LIMITS)
             except GsvrError:
@@ -86,6 +89,26 @@ class TestHeader:
         payload = HEADER.to_bytes().ljust(size, b"\0")[:size]
         with pytest.raises(CorruptError, match=f"header of {size} bytes"):
             parse_header(payload, LIMITS)
+
+    def test_a_header_of_the_first_release_candidate_is_named(self) -> None:
+        payload = HEADER.to_bytes()[:70]
+        with pytest.raises(UnsupportedError, match=r"first release candidate.* encode the video"):
+            parse_header(payload, LIMITS)
+        newer = replace(HEADER, version_minor=1).to_bytes()[:70]
+        with pytest.raises(CorruptError, match="header of 70 bytes, expected 72"):
+            parse_header(newer, LIMITS)
+
+    @pytest.mark.parametrize("number", [2, 255])
+    def test_another_way_to_form_pictures_is_unsupported(self, number: int) -> None:
+        payload = bytearray(HEADER.to_bytes())
+        payload[70] = number
+        payload[12:16] = bytes(4)  # nor is a broken rule believed before it
+        with pytest.raises(UnsupportedError, match=rf"does not know \({number}\)"):
+            parse_header(bytes(payload), LIMITS)
+
+    def test_the_reserved_byte_is_zero(self) -> None:
+        with pytest.raises(CorruptError, match="reserved byte of the header is 7"):
+            parse_header(HEADER.to_bytes()[:-1] + b"\7", LIMITS)
 
     def test_a_longer_header_of_a_newer_minor_version_is_read(self) -> None:
         payload = replace(HEADER, version_minor=99).to_bytes() + b"more"

@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import gsvrcodec
 from gsvrcodec import Decoder, Frame
@@ -116,19 +117,36 @@ class TestSize:
 
 
 class TestLayers:
-    def test_add_up(self, tmp_path: Path) -> None:
-        path = making.gsvr_file(tmp_path / "a.gsvr", one_shot=True)
-        pictures = []
+    @staticmethod
+    def pictures(path: Path) -> list[NDArray[np.int64]]:
+        """One frame with all Gaussians, with those that move and with the others."""
+        found = []
         for name in get_args(Layers):
             with gsvrcodec.open(path, layers=name) as decoder:
-                pictures.append(decoder[3].data.astype(int))
-        whole, *parts = pictures
+                found.append(decoder[3].data.astype(np.int64))
+        return found
+
+    def test_of_sums_add_up(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", one_shot=True, blending="sum")
+        whole, *parts = self.pictures(path)
         inside = (parts[0] > 0) & (parts[1] > 0)
         assert parts[0].any()
         assert parts[1].any()
         inside &= whole < 255
         assert inside.mean() > 0.1
         assert np.abs(parts[0] + parts[1] - whole)[inside].max() <= 1
+
+    def test_the_whole_of_means_lies_between_them(self, tmp_path: Path) -> None:
+        path = making.gsvr_file(tmp_path / "a.gsvr", one_shot=True)
+        whole, *parts = self.pictures(path)
+        low, high = np.minimum(*parts), np.maximum(*parts)
+        # Black may be the ground, or less than black, which weighs on the whole.
+        inside = (low > 0) & (high < 255)
+        assert inside.mean() > 0.1
+        between = (whole >= low - 1) & (whole <= high + 1)
+        assert between[inside].mean() > 0.99
+        assert (np.abs(whole - low)[inside] > 5).mean() > 0.1
+        assert (np.abs(whole - high)[inside] > 5).mean() > 0.1
 
     def test_unknown_fails(self, path: Path) -> None:
         with pytest.raises(UsageError, match="one of all, dynamic, static, not 'moving'"):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -19,18 +20,27 @@ from gsvrcodec.decoder import gop_cache
 from gsvrcodec.decoder.gop_cache import LEAST_CACHED_GOPS
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.layers import Layers
+from gsvrcodec.model.reconstruction import Blending
 from tests import making
 from tests.decoder.film import GOPS, TIMES
 
 BASE = Fraction(1, 90_000)
 
 
-@pytest.fixture(scope="module")
-def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("predicted")
+def film(directory: Path, blending: Blending) -> Path:
     return making.gsvr_file(
-        directory / "a.gsvr", frames=GOPS, times=TIMES, time_base=BASE, predicted=True
+        directory / "a.gsvr",
+        frames=GOPS,
+        times=TIMES,
+        time_base=BASE,
+        predicted=True,
+        blending=blending,
     )
+
+
+@pytest.fixture(scope="module", params=get_args(Blending))
+def path(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    return film(tmp_path_factory.mktemp("predicted"), request.param)
 
 
 @pytest.fixture
@@ -100,7 +110,8 @@ class TestBetween:
         fade = (sequence[4].astype(int) + sequence[5]) / 2
         assert np.abs(decoder.render(middle * BASE) - fade).max() > 10
 
-    def test_layers_add_up(self, path: Path) -> None:
+    def test_layers_of_sums_add_up(self, tmp_path: Path) -> None:
+        path = film(tmp_path, "sum")
         middle = Fraction(TIMES[4][0] + TIMES[5][0], 2) * BASE
         layers: tuple[Layers, ...] = ("all", "dynamic", "static")
         pictures = []

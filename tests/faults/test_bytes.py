@@ -17,7 +17,7 @@ from gsvrcodec.limits import Limits
 from tests.cli.tools import Runner
 from tests.faults.small import CHUNKS, FILE, FIRST, HEAD, PAYLOADS, opened
 from tests.gops import decode_all, make_file, make_payload, make_payloads
-from tests.tampering import TABLE_OFFSET, joined, patched
+from tests.tampering import MODES, TABLE_OFFSET, joined, patched
 
 
 def intact_gops(data: bytes) -> list[int]:
@@ -196,7 +196,7 @@ class TestAttacker:
         rng = np.random.default_rng(1)
         for _ in range(300):
             damaged = bytearray(payload)
-            for offset in rng.integers(TABLE_OFFSET + 37 * 16, len(payload), 2):
+            for offset in rng.integers(TABLE_OFFSET + MODES * 16, len(payload), 2):
                 damaged[offset] = rng.integers(0, 256)
             try:
                 decode_all(make_file([bytes(damaged)]))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from typing import get_args
 
 import imagecodecs
 import numpy as np
@@ -18,11 +21,25 @@ from gsvrcodec.bitstream.chunk import (
 )
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY, Blending
+from gsvrcodec.native import _core
+from gsvrcodec.render.native import NativeBackend
+from gsvrcodec.render.reference import ReferenceBackend
 from tests import memory
 from tests.faults.small import FILE, FIRST, HEAD, opened
-from tests.gops import HEADER, decode_all, make_carried, make_chain, make_file, make_payload
+from tests.gops import (
+    HEADER,
+    decode_all,
+    make_carried,
+    make_chain,
+    make_file,
+    make_gop,
+    make_payload,
+)
 from tests.tampering import (
+    MODES,
     TABLE_OFFSET,
     Piece,
     edited,
@@ -117,8 +134,91 @@ class TestPlanes:
 
     def test_no_gaussian_with_planes_is_refused(self) -> None:
         data = patched(make_file([make_payload(4)]), GOP_TYPE, 12, "I", 0)
-        with pytest.raises(CorruptError, match="13 planes, expected 0"):
+        with pytest.raises(CorruptError, match="14 planes, expected 0"):
             decode_all(data)
+
+
+class TestOpacities:
+    """Weights that are vast, that vanish, or that hide all others."""
+
+    SIZE = (40, 30)
+
+    @classmethod
+    def pictures(cls, gop: Gop, blending: Blending = "mean") -> Iterator[Float32Array]:
+        """The first, middle and last picture, by the kernels of every instruction set."""
+        before = _core.isa()
+        try:
+            for isa in _core.isas():
+                _core.use_isa(isa)
+                backend = NativeBackend(1, blending)
+                prepared = backend.prepare(gop)
+                for tau in (-1.0, 0.0, 1.0):
+                    yield backend.picture(prepared, tau, cls.SIZE, cls.SIZE)
+        finally:
+            _core.use_isa(before)
+
+    @classmethod
+    def covering(cls, log_opacity: float, seed: int = 0) -> Gop:
+        """Gaussians that stand still, each larger than the frame, with one opacity."""
+        gop = make_gop(200, seed=seed)
+        gop.position[:] /= 100
+        gop.log_scale[:] = np.log(200)
+        gop.linear[:] = gop.quadratic[:] = 0
+        gop.colour[:] = gop.colour.clip(0, 1)
+        gop.log_opacity[:] = log_opacity
+        return gop
+
+    @pytest.mark.parametrize("bound", [-MOST_LOG_OPACITY, MOST_LOG_OPACITY])
+    def test_over_the_bounds(self, bound: float) -> None:
+        # Plane 8 is log_opacity, and plane 9 behind the modes its change.
+        with pytest.raises(CorruptError, match=r"log_opacity spans .* allowed is -12 to 12"):
+            decode_all(gop_file(8, b"\0\0", codec=0, offset=1.001 * bound, step=0))
+        (content,) = decode_all(gop_file(8, b"\0\0", codec=0, offset=bound, step=0))
+        assert content.gop.log_opacity.tolist() == [bound] * 6
+        key, predicted = make_chain((3, 3))
+        for offset, allowed in ((2 * bound, True), (2.001 * bound, False)):
+            change = with_plane(predicted, MODES + 9, b"\0\0", codec=0, offset=offset, step=0)
+            with nullcontext() if allowed else pytest.raises(CorruptError, match="is -24 to 24"):
+                decode_all(make_file([key, change]))
+
+    @pytest.mark.parametrize("blending", get_args(Blending))
+    @pytest.mark.parametrize("seed", range(8))
+    def test_no_picture_of_values_at_their_bounds_is_infinite_or_nan(
+        self, seed: int, blending: Blending
+    ) -> None:
+        draw = np.random.default_rng(seed)
+        gop = make_gop(300, (3, 2, 4), seed, blending)
+        for attribute in ATTRIBUTES:
+            values = getattr(gop, attribute.name)
+            ends = draw.choice([attribute.low, attribute.high], values.shape)
+            at_bound = draw.random(values.shape) < draw.choice([0.02, 0.5])
+            values[at_bound] = ends[at_bound]
+        for picture in self.pictures(gop, blending):
+            assert np.isfinite(picture).all()
+
+    def test_all_opacities_at_the_upper_bound_are_their_mean(self) -> None:
+        gop, plain = self.covering(MOST_LOG_OPACITY), self.covering(0)
+        backend = ReferenceBackend()
+        wanted = backend.picture(backend.prepare(plain), 0.0, self.SIZE, self.SIZE)
+        for picture in self.pictures(gop):
+            np.testing.assert_allclose(picture, wanted, atol=1e-4)
+
+    def test_weights_that_vanish_leave_the_ground(self) -> None:
+        gop = self.covering(-MOST_LOG_OPACITY)
+        gop.colour[:] = 1
+        for picture in self.pictures(gop):
+            weight = 200 * np.exp(-MOST_LOG_OPACITY) * (1 - CUTOFF)
+            np.testing.assert_allclose(picture, weight / (weight + GROUND), rtol=0.05)
+        gop.position[:] += 900
+        for picture in self.pictures(gop):
+            assert not picture.any()
+
+    def test_one_gaussian_hides_all_others_in_the_whole_frame(self) -> None:
+        gop = self.covering(0)
+        gop.log_opacity[7] = MOST_LOG_OPACITY
+        gop.colour[7] = (0.25, 0.5, 0.75)
+        for picture in self.pictures(gop):
+            np.testing.assert_allclose(picture - gop.colour[7], 0, atol=1 / 255)
 
 
 class TestBombs:
@@ -254,13 +354,13 @@ class TestPrediction:
 
     @pytest.mark.parametrize("mode", [5, 6, 7])
     def test_an_unknown_mode(self, mode: int) -> None:
-        payload = with_plane(self.PAYLOADS[1], 37, bytes([mode, 0]), codec=0)
+        payload = with_plane(self.PAYLOADS[1], MODES, bytes([mode, 0]), codec=0)
         with pytest.raises(CorruptError, match=f"mode {mode} of a Gaussian"):
             decode_all(self.with_second(payload))
 
     @pytest.mark.parametrize("fields", [{"step": 0.5}, {"offset": 1}, {"bits": 2}, {"step": 0}])
     def test_modes_that_are_no_integers(self, fields: dict[str, float]) -> None:
-        payload = with_plane(self.PAYLOADS[1], 37, b"\1\0", codec=0, **fields)
+        payload = with_plane(self.PAYLOADS[1], MODES, b"\1\0", codec=0, **fields)
         with pytest.raises(CorruptError, match="plane mode"):
             decode_all(self.with_second(payload))
 
@@ -323,6 +423,11 @@ class TestVersions:
         assert opened(patched(FILE, HEAD_TYPE, 8, "I", 1 << bit)).warnings == ()
         with pytest.raises(UnsupportedError, match="features this decoder does not know"):
             opened(patched(FILE, HEAD_TYPE, 4, "I", 1 << bit))
+
+    @pytest.mark.parametrize("number", [2, 128, 255])
+    def test_blendings(self, number: int) -> None:
+        with pytest.raises(UnsupportedError, match=rf"this decoder does not know \({number}\)"):
+            opened(patched(FILE, HEAD_TYPE, 70, "B", number))
 
     def test_a_longer_gop_head_of_a_newer_version_is_read(self) -> None:
         def grow(payload: bytearray) -> None:

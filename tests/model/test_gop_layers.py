@@ -1,4 +1,4 @@
-"""Layers: each Gaussian is in one of the two, and their pictures add up to the whole."""
+"""Layers: each Gaussian is in one of the two, and their sums add up to the whole."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import pytest
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.layers import DYNAMIC_DISPLACEMENT, Layers, select_layers
-from gsvrcodec.native import _core
-from gsvrcodec.render.native import parameters
+from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.render.native import NativeBackend
 from tests.gops import make_gop
 
 SIZE = (40, 30)
 
 
-def picture(gop: Gop, tau: float) -> Float32Array:
-    """Render without clamping or rounding."""
-    out = np.empty((1, SIZE[1], SIZE[0], 3), np.float32)
-    _core.render_float(parameters(gop), np.array([tau], np.float32), out, *SIZE, 1)
-    return np.asarray(out[0])
+def sums(gop: Gop, tau: float, blending: Blending = "mean") -> Float32Array:
+    """Sums of weighted colours and of weights, of which pictures are made."""
+    backend = NativeBackend(1, blending)
+    return backend.sums(backend.prepare(gop), tau, SIZE, SIZE)
 
 
 @pytest.fixture
@@ -52,10 +51,11 @@ def test_dynamic_is_what_leaves_the_common_motion(gop: Gop, camera: float) -> No
     assert np.array_equal(select_layers(gop, "dynamic", SIZE).position, gop.position[[0, 2, 4]])
 
 
+@pytest.mark.parametrize("blending", get_args(Blending))
 @pytest.mark.parametrize("tau", [-1.0, 0.3])
-def test_pictures_add_up(gop: Gop, tau: float) -> None:
+def test_sums_add_up(gop: Gop, tau: float, blending: Blending) -> None:
     parts = [select_layers(gop, name, SIZE) for name in get_args(Layers)]
-    whole, dynamic, static = (picture(part, tau) for part in parts)
+    whole, dynamic, static = (sums(part, tau, blending) for part in parts)
     assert np.abs(dynamic).max() > 0.1
     assert np.abs(static).max() > 0.1
     np.testing.assert_allclose(dynamic + static, whole, atol=1e-5)
@@ -67,4 +67,4 @@ def test_a_layer_may_be_empty(gaussians: int) -> None:
     gop.linear[:] = gop.quadratic[:] = 0
     assert len(select_layers(gop, "static", SIZE)) == gaussians
     assert len(select_layers(gop, "dynamic", SIZE)) == 0
-    assert not picture(select_layers(gop, "dynamic", SIZE), 0).any()
+    assert not sums(select_layers(gop, "dynamic", SIZE), 0).any()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -21,13 +22,14 @@ from gsvrcodec.model.prediction import (
     look_at,
     start_of_motion,
 )
+from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY, Blending
 from gsvrcodec.render import render_frames
 from tests.gops import make_carried, make_gop
 
 SIZE = (48, 32)
 
 
-def plain_look(gop: Gop, n: int, tau: float) -> list[float]:
+def plain_look(gop: Gop, n: int, tau: float, blending: Blending) -> list[float]:
     """One Gaussian by the equations of the spec, number by number in binary64."""
     gx, gy, gt = gop.xy.shape[1], gop.xy.shape[0], gop.xt.shape[0]
     px, py = map(float, gop.position[n])
@@ -59,26 +61,42 @@ def plain_look(gop: Gop, n: int, tau: float) -> list[float]:
     if gx and float(gop.indicator[n]) != 1:
         scale = [math.log(max(math.exp(scale[i]) + offset[2 + i], 0.1)) for i in range(2)]
     rotation = float(gop.rotation[n]) + offset[4]
-    colour = [float(gop.colour[n, i]) + offset[5 + i] for i in range(3)]
-    return [*place, *scale, rotation, *colour]
+    colour = [float(value) for value in gop.colour[n]]
+    opacity = float(gop.log_opacity[n])
+    if blending == "sum":
+        colour = [colour[i] + offset[5 + i] for i in range(3)]
+    else:
+        opacity = min(max(opacity + offset[5], -MOST_LOG_OPACITY), MOST_LOG_OPACITY)
+    return [*place, *scale, rotation, *colour, opacity]
 
 
 def rows(look: Look) -> np.ndarray:
-    """One row of eight numbers a Gaussian."""
-    columns = [look.position, look.log_scale, look.rotation[:, None], look.colour]
-    return np.concatenate(columns, axis=1)
+    """One row of nine numbers a Gaussian."""
+    single = [look.rotation[:, None], look.colour, look.log_opacity[:, None]]
+    return np.concatenate([look.position, look.log_scale, *single], axis=1)
 
 
 class TestLook:
     @pytest.mark.parametrize("grid", [(0, 0, 0), (4, 3, 5), (1, 1, 1)])
     @pytest.mark.parametrize("tau", [-1.0, 0.0, 0.3, 1.0])
-    def test_equals_the_equations(self, grid: tuple[int, int, int], tau: float) -> None:
-        gop = make_gop(40, grid)
+    @pytest.mark.parametrize("blending", get_args(Blending))
+    def test_equals_the_equations(
+        self, grid: tuple[int, int, int], tau: float, blending: Blending
+    ) -> None:
+        gop = make_gop(40, grid, 0, blending)
         gop.indicator[::3] = 1
-        expected = [plain_look(gop, n, tau) for n in range(40)]
-        found = rows(look_at(gop, tau))
+        expected = [plain_look(gop, n, tau, blending) for n in range(40)]
+        found = rows(look_at(gop, tau, blending))
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, expected, rtol=3e-7, atol=3e-7)
+
+    def test_opacities_stay_within_their_bounds(self) -> None:
+        gop = make_gop(40, (3, 2, 4))
+        gop.xy[..., 5] = np.array([-1000, 0, 1000])
+        gop.indicator[::3] = 1
+        found = look_at(gop, 0.3).log_opacity
+        assert (found.min(), found.max()) == (-MOST_LOG_OPACITY, MOST_LOG_OPACITY)
+        np.testing.assert_array_equal(found[::3], gop.log_opacity[::3])
 
     def test_shares_no_memory(self) -> None:
         gop = make_gop(5)
@@ -175,7 +193,7 @@ class TestCarryOver:
             place = look.position[n] + (carried.position[changed] if kind & CHANGED else 0)
             start = whole.position[at] - 1.5 * whole.linear[at] + 2.25 * whole.quadratic[at]
             np.testing.assert_allclose(start, place, atol=1e-6)
-            for name in ("log_scale", "rotation", "colour"):
+            for name in ("log_scale", "rotation", "colour", "log_opacity"):
                 change = getattr(carried, name)[changed] if kind & CHANGED else 0
                 np.testing.assert_allclose(
                     getattr(whole, name)[at], getattr(look, name)[n] + change, atol=1e-6
@@ -197,6 +215,7 @@ class TestCarryOver:
             for name, value in (("position", 900), ("log_scale", 40), ("rotation", 60)):
                 getattr(carried, name)[...] = value
             carried.colour[:] = 60_000
+            carried.log_opacity[:] = -20
             carried.linear[:], carried.quadratic[:] = 1000, -1000
             new = replace(make_gop(0), xy=gop.xy, xt=gop.xt, yt=gop.yt)
             gop = carry_over(gop, (2, 2), carried, new)
@@ -205,6 +224,7 @@ class TestCarryOver:
                 assert (values >= attribute.low).all()
                 assert (values <= attribute.high).all()
         assert gop.log_scale.max() == 13
+        assert gop.log_opacity.max() == -MOST_LOG_OPACITY
 
     def test_nothing_to_carry(self) -> None:
         none = make_gop(0)

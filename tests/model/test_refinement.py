@@ -5,53 +5,66 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from gsvrcodec.model.refinement import REFINED, Refinement, levels
 from tests import making
 
 
-def level(log_scale: tuple[float, float], colour: tuple[float, float, float]) -> dict[str, int]:
-    found = levels(np.array([log_scale], np.float32), np.array([colour], np.float32))
+def level(log_scale: tuple[float, float], log_opacity: float = 0.0) -> dict[str, int]:
+    found = levels(np.array([log_scale], np.float32), np.array([log_opacity], np.float32))
     assert tuple(found) == REFINED
     return {name: int(value[0]) for name, value in found.items()}
 
 
 def test_by_hand() -> None:
-    """Scales of 8.1 and 2.1 px: an area of 2^4.08, a ratio of 2^1.9; a colour in 2^-2 .. 2^-1."""
-    found = level((math.log(8.1), math.log(2.1)), (0.1, -0.3, 0.2))
-    assert found["colour"] == 4 // 2
-    assert found["log_scale"] == (4 - 2) // 2
-    assert found["rotation"] == (2 * 4 + 5 * 1 - 4) // 4
-    assert found["position"] == found["linear"] == found["quadratic"] == (3 * 1 - 8) // 8
+    """Scales of 8.1 and 2.1 px: an area of 2^4.08, a ratio of 2^1.9; an opacity of 2^-2.9."""
+    found = level((math.log(8.1), math.log(2.1)), -2.9 * math.log(2))
+    area, shape, opacity = 4, 1, -3
+    assert found["colour"] == 3 * (area + opacity) // 8
+    assert found["log_scale"] == (2 * area + 3 * opacity) // 8 == -1
+    assert found["rotation"] == (2 * area + 8 * shape + 3 * opacity) // 8
+    assert found["position"] == (3 * shape + 2 * opacity - area) // 8 == -1
+    assert found["linear"] == found["quadratic"] == found["position"]
 
 
-def test_four_times_the_area_is_a_level_of_colours_and_scales() -> None:
-    small, large = (level((s, s), (0.3, 0.3, 0.3)) for s in (0.01, 0.01 + math.log(2)))
-    for name in ("colour", "log_scale", "rotation"):
-        assert large[name] == small[name] + 1
-    assert large["position"] == small["position"]
+@pytest.mark.parametrize(
+    ("octaves", "more"),
+    [
+        ((4, 4), {"log_scale": 2, "rotation": 2, "colour": 3, "position": -1}),
+        ((4, -4), {"log_scale": 0, "rotation": 8, "colour": 0, "position": 3}),
+    ],
+)
+def test_larger_and_longer_gaussians(octaves: tuple[int, int], more: dict[str, int]) -> None:
+    """Scales of 16 times their size, or of a ratio of 256."""
+    plain = level((0.01, 0.01))
+    other = level((0.01 + octaves[0] * math.log(2), 0.01 + octaves[1] * math.log(2)))
+    assert {name: other[name] - plain[name] for name in more} == more
 
 
-def test_twice_the_colour_is_a_level_of_all_but_colours() -> None:
-    faint, strong = (level((0.5, 0.5), (0.0, c, 0.0)) for c in (0.2, -0.4))
-    for name in set(REFINED) - {"colour"}:
-        assert strong[name] == faint[name] + 1
-    assert strong["colour"] == faint["colour"]
-
-
-def test_black_is_as_the_faintest() -> None:
-    assert level((1.0, 1.0), (0.0, 0.0, 0.0)) == level((1.0, 1.0), (1e-9, 0.0, 0.0))
+def test_more_opaque_gaussians_have_more_bits() -> None:
+    thin, opaque = (level((0.5, 0.5), 0.01 + 8 * n * math.log(2)) for n in (0, 1))
+    found = {name: opaque[name] - thin[name] for name in REFINED}
+    assert found == {
+        "position": 2,
+        "log_scale": 3,
+        "rotation": 3,
+        "colour": 3,
+        "linear": 2,
+        "quadratic": 2,
+    }
 
 
 def test_order_of_axes_does_not_matter() -> None:
     gop = making.random_gop(np.random.default_rng(3), gaussians=200)
-    one, other = levels(gop.log_scale, gop.colour), levels(gop.log_scale[:, ::-1], gop.colour)
+    one = levels(gop.log_scale, gop.log_opacity)
+    other = levels(gop.log_scale[:, ::-1], gop.log_opacity)
     for name in REFINED:
         np.testing.assert_array_equal(one[name], other[name])
 
 
 def test_no_gaussians_have_no_levels() -> None:
-    found = levels(np.empty((0, 2), np.float32), np.empty((0, 3), np.float32))
+    found = levels(np.empty((0, 2), np.float32), np.empty(0, np.float32))
     assert all(len(value) == 0 for value in found.values())
 
 

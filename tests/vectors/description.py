@@ -15,8 +15,9 @@ from gsvrcodec.bitstream.gop_chain import GopUnpacker
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE
+from gsvrcodec.model.attributes import MODE, attributes_of
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import time_at
 from gsvrcodec.render.backend import Backend, Codes
 
@@ -59,26 +60,27 @@ def gops_of(reader: GsvrReader) -> list[dict[str, object]]:
                 "durations": content.durations.tolist(),
                 "values": {
                     name: {"shape": list(array.shape), "sha256": _digest(array)}
-                    for name, array in _values(content)
+                    for name, array in _values(content, reader.header.blending)
                 },
             }
         )
     return found
 
 
-def _values(content: GopContent) -> Iterator[tuple[str, NDArray[np.generic]]]:
+def _values(content: GopContent, blending: Blending) -> Iterator[tuple[str, NDArray[np.generic]]]:
     """Attributes that have samples, and their values: the last axis holds the components."""
-    for attribute in ATTRIBUTES:
-        array = getattr(content.new, attribute.name)
-        if array.size:
-            yield attribute.name, array[:, None] if array.ndim == 1 else array
-    if content.carried is None or not len(content.carried.mode):
-        return
-    yield MODE.name, content.carried.mode
-    for attribute in CARRIED_ATTRIBUTES[1:]:
-        array = getattr(content.carried, attribute.change_of)
-        if array.size:
-            yield attribute.name, array[:, None] if array.ndim == 1 else array
+    for attribute in attributes_of(blending):
+        if attribute is MODE or attribute.change_of:
+            if content.carried is None:
+                return
+            array = getattr(content.carried, attribute.change_of or attribute.name)
+        else:
+            array = getattr(content.new, attribute.name)
+        if not array.size:
+            continue
+        if attribute is not MODE:
+            array = array[:, None] if array.ndim == 1 else array[..., : attribute.components]
+        yield attribute.name, array
 
 
 def _digest(array: NDArray[np.generic]) -> str:

@@ -13,7 +13,7 @@ from gsvrcodec.bitstream.chunk import END_TYPE, GOP_TYPE, HEAD_TYPE, INDEX_TYPE,
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES, parse_gop_head
 from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
 from tests.gops import make_chain, make_file, make_payload, make_payloads
-from tests.tampering import TABLE_OFFSET, Piece, joined, patched, pieces, with_plane
+from tests.tampering import MODES, TABLE_OFFSET, Piece, joined, patched, pieces, with_plane
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,14 @@ def faulty_vectors() -> Iterator[Fault]:
     yield header("huge-picture", 12, "II", 32768, 32768, says="number of pixels")
     yield header("gaussians-over-maximum", 44, "I", 4, says="header's maximum is 4")
     yield header("frames-over-maximum", 48, "I", 2, says="header's maximum is 2")
+    yield header("blending", 70, "B", 2, says="does not know (2)")
+    yield header("blending-of-others", 70, "B", 0, says="14 planes, expected 13")
+    yield header("header-reserved", 71, "B", 1, says="reserved byte of the header is 1")
+    older = Piece(HEAD_TYPE, head.payload[:70])
+    yield Fault("release-candidate", joined([older, first, second]), "first release candidate")
+    yield Fault(
+        "header-too-short", joined([Piece(HEAD_TYPE, head.payload[:71]), first]), "71 bytes"
+    )
     yield header("wrong-count", 58, "Q", 99, says="the header says 99 frames")
     yield Fault(
         "index-sizes-swapped",
@@ -96,6 +104,9 @@ def faulty_vectors() -> Iterator[Fault]:
     yield Fault("unknown-codec", patched(good, GOP_TYPE, TABLE_OFFSET + 2, "B", 9), "plane codec 9")
     yield Fault("unknown-attribute", patched(good, GOP_TYPE, TABLE_OFFSET, "B", 99), "attribute 99")
     yield plane("constant-too-large", b"\x10\x00", "sample 16", codec=0, bits=4)
+    opacity = with_plane(gop, 8, bytes(2), codec=0, offset=12.5, step=0)
+    over = joined([head, Piece(GOP_TYPE, opacity), second])
+    yield Fault("opacity-over-bound", over, "plane log_opacity spans 12.5 to 12.5")
     yield plane("deflate-predictor", b"\x02\x03\x00", "unknown predictor 2", codec=1)
     yield plane("deflate-too-short", b"\x00\x03\x00", "does not hold 12 bytes", codec=1)
     yield plane("deflate-empty", b"", "unknown predictor None", codec=1)
@@ -183,15 +194,14 @@ def _prediction_faults() -> Iterator[Fault]:
     chain = make_chain((3, 3))
     good = make_file(chain)
     head, key, predicted = pieces(good)[:3]
-    modes = 37  # the number of the plane `mode`: the GOP has new Gaussians and a tri-plane
 
     def in_second(name: str, offset: int, layout: str, *values: int, says: str) -> Fault:
         payload = bytearray(predicted.payload)
         struct.pack_into("<" + layout, payload, offset, *values)
         return Fault(name, joined([head, key, Piece(GOP_TYPE, bytes(payload))]), says)
 
-    def mode(name: str, data: bytes, says: str, **changes: float) -> Fault:
-        payload = with_plane(predicted.payload, modes, data, **changes)
+    def constant(name: str, plane: int, data: bytes, says: str, **changes: float) -> Fault:
+        payload = with_plane(predicted.payload, plane, data, codec=0, **changes)
         return Fault(name, joined([head, key, Piece(GOP_TYPE, payload)]), says)
 
     gaussians = parse_gop_head(predicted.payload).gaussians
@@ -213,10 +223,11 @@ def _prediction_faults() -> Iterator[Fault]:
     counts = joined([head, key, Piece(GOP_TYPE, bytes(payload))])
     yield Fault("modes-of-others", counts, "the GOP's head says 7, 12 and 12")
     yield in_second("carried-over-maximum", 56, "II", 2**32 - 1, 2**32 - 25, says="maximum is")
-    yield mode("mode-unknown", b"\5\0", "mode 5 of a Gaussian", codec=0)
-    yield mode(
-        "mode-step", b"\0\0", "plane mode of 3 bits with offset 0 and step 0.5", codec=0, step=0.5
-    )
+    yield constant("mode-unknown", MODES, b"\5\0", "mode 5 of a Gaussian")
+    says = "plane mode of 3 bits with offset 0 and step 0.5"
+    yield constant("mode-step", MODES, b"\0\0", says, step=0.5)
+    says = "plane log_opacity_change spans -24.5 to -24.5"
+    yield constant("opacity-change-over-bound", MODES + 9, b"\0\0", says, offset=-24.5, step=0)
 
 
 def _flip(data: bytes, offset: int) -> bytes:

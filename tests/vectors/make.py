@@ -53,7 +53,7 @@ def describe(name: str) -> None:
     path.with_suffix(".json").write_text(found + "\n")
     with GsvrReader(path) as reader:
         for picture in pictures_of(name, reader):
-            codes = render(reader, picture, ReferenceBackend())
+            codes = render(reader, picture, ReferenceBackend(reader.header.blending))
             (PICTURES / picture.file).write_bytes(imagecodecs.png_encode(codes, level=9))
 
 

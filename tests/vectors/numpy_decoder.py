@@ -25,9 +25,9 @@ Values = dict[str, npt.NDArray[Any]]
 
 IMAGE_CODECS, STREAM = 1, 2  # flags of the header that may be ignored
 DROPPED = 4  # a mode of section 5.5
-# Limits of section 12.
-LIMIT_PIXELS, LIMIT_GAUSSIANS, LIMIT_FRAMES = 2**28, 2**24, 2**16
+LIMIT_PIXELS, LIMIT_GAUSSIANS, LIMIT_FRAMES = 2**28, 2**24, 2**16  # section 12
 LIMIT_CHAIN, LIMIT_PLANE_SAMPLES = 1024, 2**26
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Corrupt(Exception):
@@ -103,50 +103,47 @@ def read_chunk(data: bytes, offset: int) -> tuple[bytes, bytes, bool]:
     return kind, payload, zlib.crc32(payload) == int.from_bytes(data[end : end + 4], "little")
 
 
-@dataclass(frozen=True)
-class Header:
-    """The header chunk (section 4)."""
+class Header(NamedTuple):
+    """What pictures depend on of the header chunk (section 4)."""
 
     minor: int  # version
     flags: int  # that may be ignored
     width: int  # of the coded frame, pixels
     height: int
-    rotation: int  # clockwise degrees, plus 32768 if mirrored first
-    bit_depth: int
-    colour: tuple[int, ...]  # primaries, transfer, matrix, full range, chroma location
-    sample_aspect: tuple[int, ...]  # width and height
-    time_base: tuple[int, ...]  # numerator and denominator of a tick in seconds
     most: tuple[float, ...]  # Gaussians, frames, Gx, Gy, Gt of a GOP; infinite = not known
+    mean: bool  # pictures are weighted means, not sums
 
 
 def read_header(data: bytes) -> tuple[Header, int]:
     """Take steps 1 to 3 of section 11; return the header and the offset of its end."""
     require(data[:8] == b"\x89GSV\r\n\x1a\n", "The signature is not that of GSVR.")
     kind, payload, sound = read_chunk(data, 8)
-    require(kind == b"HEAD", "The first chunk is not the header.")
-    require(4 <= len(payload) <= 4096 and sound, "The header has a wrong length or CRC.")
+    sound &= kind == b"HEAD" and 4 <= len(payload) <= 4096
+    require(sound, "The first chunk is no header, or has a wrong length or CRC.")
     reader = Reader(payload)
     major, minor = reader.unpack("2H")
     if major != 1:
         raise Unsupported(f"The file has version {major}.{minor}, this decoder knows 1.0.")
-    require(len(payload) == 70 or (minor and len(payload) > 70), "The header has a wrong length.")
+    if (minor, len(payload)) == (0, 70):
+        raise Unsupported("The file is of the first release candidate of version 1.0.")
+    require(len(payload) == 72 or (minor and len(payload) > 72), "The header has a wrong length.")
     must, may = reader.unpack("2I")
-    if must:
-        raise Unsupported(f"The header has unknown flags {must:#x}.")
+    blending, reserved = payload[70:72]
+    if must or blending > 1:
+        raise Unsupported(f"The header has unknown flags {must:#x} or blending {blending}.")
     width, height, *aspect = reader.unpack("4I")
     rotation, depth, *colour = reader.unpack("H6B")
     time_base, maxima = reader.unpack("2I"), reader.unpack("2I3H")
     require(all([width, height, *aspect, *time_base]), "A size, sample aspect or time base is 0.")
-    require(rotation & 32767 in (0, 90, 180, 270), f"The header has rotation {rotation}.")
-    require(1 <= depth <= 16, f"The header has bit depth {depth}.")
-    require(colour[3] <= 1 and colour[4] <= 6, "A range or chroma location is not known.")
+    known = rotation & 32767 in (0, 90, 180, 270) and 1 <= depth <= 16
+    known &= colour[3] <= 1 and colour[4] <= 6 and reserved == 0
+    require(known, "A rotation, depth, range, chroma location or reserved byte is not known.")
     limit(width * height, LIMIT_PIXELS, "Pixels")
     unknown = (2**32 - 1,) * 2 + (2**16 - 1,) * 3
     most = tuple(math.inf if a == b else a for a, b in zip(maxima, unknown, strict=True))
     limit(maxima[0] if most[0] < math.inf else 0, LIMIT_GAUSSIANS, "Gaussians in a GOP")
     limit(maxima[1] if most[1] < math.inf else 0, LIMIT_FRAMES, "Frames in a GOP")
-    more = (tuple(colour), tuple(aspect), time_base, most)
-    return Header(minor, may, width, height, rotation, depth, *more), 28 + len(payload)
+    return Header(minor, may, width, height, most, blending == 1), 28 + len(payload)
 
 
 class GopChunk(NamedTuple):
@@ -184,8 +181,8 @@ def read_index(data: bytes, first: int) -> tuple[list[GopChunk], list[bytes]]:
     offset, size = struct.unpack("<2Q", payload)
     require(size == len(data) and first <= offset < end, "The end chunk is not of this file.")
     kind, payload, sound = read_chunk(data, offset)
-    require(kind == b"indx" and sound, "There is no index, or its CRC is wrong.")
-    require(offset + 20 + len(payload) == end, "The index is not the last chunk but one.")
+    sound &= kind == b"indx" and offset + 20 + len(payload) == end
+    require(sound, "There is no index before the end chunk, or its CRC is wrong.")
     reader = Reader(payload)
     (count,) = reader.unpack("I")
     require(len(payload) == 4 + 56 * count, "The index has another length than its entries.")
@@ -245,11 +242,13 @@ class Attribute(NamedTuple):
     high: float
 
 
+MOST_LOG_OPACITY = 12
 ATTRIBUTES = [
     Attribute("position", 2, "new", -1024, 1024),
     Attribute("log_scale", 2, "new", -32, 13),
     Attribute("rotation", 1, "new", -64, 64),
     Attribute("colour", 3, "new", -65536, 65536),
+    Attribute("log_opacity", 1, "new", -MOST_LOG_OPACITY, MOST_LOG_OPACITY),
     Attribute("indicator", 1, "new", -2, 2),
     Attribute("linear", 2, "new", -1024, 1024),
     Attribute("quadratic", 2, "new", -1024, 1024),
@@ -259,13 +258,13 @@ ATTRIBUTES = [
     Attribute("log_scale_change", 2, "changed", -45, 45),
     Attribute("rotation_change", 1, "changed", -64, 64),
     Attribute("colour_change", 3, "changed", -65536, 65536),
+    Attribute("log_opacity_change", 1, "changed", -24, 24),
     Attribute("carried_indicator", 1, "moved", -2, 2),
-    Attribute("carried_linear", 2, "moved", -1024, 1024),
-    Attribute("carried_quadratic", 2, "moved", -1024, 1024),
+    *(Attribute(f"carried_{a}", 2, "moved", -1024, 1024) for a in ("linear", "quadratic")),
 ]
 NEW = {a.name: a for a in ATTRIBUTES if a.grid == "new"}
-REFINED = [name for name in NEW if name != "indicator"]
-LOOK = ("position", "log_scale", "rotation", "colour")
+REFINED = [name for name in NEW if name not in ("indicator", "log_opacity")]
+LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
 
 
 @dataclass
@@ -293,7 +292,7 @@ class Gop:
     reference_gaussians: int
     pts: list[int]  # of each frame, ticks
     durations: list[int]  # of each frame, ticks; 0 = not known
-    values: Values  # of each attribute in the plane table: [n, components], [rows, columns, 8]
+    values: Values  # of each attribute in the plane table: [n, components], [rows, columns, 6 or 8]
     modes: npt.NDArray[np.uint8]  # of each Gaussian of the reference
 
     def tau(self, time: Fraction) -> float:
@@ -310,9 +309,9 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     source, dropped, changed, moved = reader.unpack("4I")
     require(length == 72 or (header.minor and length > 72), f"The head has {length} bytes.")
     require(not reserved and any(grid) == all(grid), "A wrong tri-plane or reserved field.")
-    require(source == 0 or chunk.reference, "A key GOP has Gaussians of a reference.")
     carried = source - dropped
-    require(max(changed, moved) <= carried <= chunk.gaussians, "The counts do not fit together.")
+    fit = (source == 0 or chunk.reference) and max(changed, moved) <= carried <= chunk.gaussians
+    require(fit, "The counts of Gaussians do not fit together.")
     for number, most in zip((chunk.gaussians, chunk.frames, *grid), header.most, strict=True):
         require(number <= most, "The GOP exceeds a maximum of the header.")
     require(source <= header.most[0], "The reference exceeds a maximum of the header.")
@@ -322,7 +321,9 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     pts, durations = read_timing(reader, chunk)
     counts = {"new": chunk.gaussians - carried, "reference": source}
     counts |= {"changed": changed, "moved": moved}
-    planes = read_table(reader, plane_count, grid, counts)
+    entries = [reader.unpack("4B2fI") for _ in range(plane_count)]
+    planes = read_table(entries, grid, counts, header.mean)
+    require(sum(p.length for p in planes) <= len(payload) - reader.at, "Planes are too long.")
     plain = not header.flags & IMAGE_CODECS
     require(not plain or all(p.codec not in (2, 3) for p in planes), "A plain file has an image.")
     sizes = [plane.width * plane.height for plane in planes]
@@ -349,8 +350,7 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
 
 def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
     """Read the timestamps and durations of section 5.2."""
-    pts, durations = list[int](), list[int]()
-    time = chunk.first_pts
+    pts, durations, time = list[int](), list[int](), chunk.first_pts
     while len(pts) < chunk.frames:
         count, step, duration = reader.varint(), reader.varint(), reader.varint()
         require(1 <= count <= chunk.frames - len(pts), "A run of frames has a wrong length.")
@@ -363,9 +363,8 @@ def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
     return pts, durations
 
 
-def read_table(reader: Reader, count: int, grid: list[int], n: dict[str, int]) -> list[Plane]:
+def read_table(entries: list[Any], grid: list[int], n: dict[str, int], mean: bool) -> list[Plane]:
     """Read the plane table of section 5.3 and check its rules."""
-    entries = [reader.unpack("4B2fI") for _ in range(count)]
     for number, _, codec, *_ in entries:
         if number >= len(ATTRIBUTES) or codec >= len(CODECS):
             raise Unsupported(f"The GOP has an unknown attribute {number} or codec {codec}.")
@@ -374,22 +373,22 @@ def read_table(reader: Reader, count: int, grid: list[int], n: dict[str, int]) -
     for name, k in n.items():
         width = math.isqrt(k - 1) + 1 if k else 0
         sizes[name] = (width, -(-k // max(width, 1)))
-    expected = [(i, j) for i, a in enumerate(ATTRIBUTES) for j in range(a.components)]
-    expected = [(i, j) for i, j in expected if sizes[ATTRIBUTES[i].grid][0]]
+    # Sums have no opacities, and the tri-planes of means have six channels.
+    had = [a for a in ATTRIBUTES if sizes[a.grid][0] and (mean or "opacity" not in a.name)]
+    most = 6 if mean else 8
+    expected = [(ATTRIBUTES.index(a), j) for a in had for j in range(min(a.components, most))]
     require([e[:2] for e in entries] == expected, "The table has not the planes that it must have.")
     priors: dict[str, list[Ints]] = {name: [] for name in sizes}
     planes = []
     for number, component, codec, bits, o, s, length in entries:
         a = ATTRIBUTES[number]
-        finite = math.isfinite(o) and math.isfinite(s)
-        require(1 <= bits <= 16 and finite, f"The plane {a.name} has wrong bits, offset or step.")
-        require(s > 0 or (s == 0 and codec == 0), f"The plane {a.name} has the step {s}.")
+        good = 1 <= bits <= 16 and math.isfinite(o + s) and (s > 0 or s == codec == 0)
+        require(good, f"The plane {a.name} has wrong bits, offset or step.")
         ends = (o, o + (2**bits - 1) * s)
         require(a.low <= min(ends) and max(ends) <= a.high, f"The plane {a.name} is out of bounds.")
         require(a.name != "mode" or (bits, o, s) == (3, 0, 1), "The plane mode is not of 3 bits.")
         size, prior = sizes[a.grid], priors[a.grid]
         planes.append(Plane(a, component, codec, bits, o, s, length, *size, prior))
-    require(sum(p.length for p in planes) <= len(reader.data) - reader.at, "Planes are too long.")
     return planes
 
 
@@ -409,8 +408,8 @@ def refine(data: bytes, planes: list[Plane], new: int, values: Values) -> None:
     reader = Reader(data)
     table = {name: reader.unpack("bB") for name in REFINED}
     for name, (least, most) in table.items():
-        require(most <= 8 and (new or not most), f"The refinement of {name} has {most} bits.")
-        require(most or least == 0, f"The refinement of {name} has a level without bits.")
+        good = (new and 0 < most <= 8) or most == least == 0
+        require(good, f"The refinement of {name} has {most} bits from level {least} on.")
     coded = data[reader.at :]
     counts = bit_counts(table, values) if new else {}
     total = sum(NEW[name].components * int(k.sum()) for name, k in counts.items())
@@ -434,15 +433,14 @@ def refine(data: bytes, planes: list[Plane], new: int, values: Values) -> None:
 def bit_counts(table: dict[str, tuple[int, ...]], values: Values) -> dict[str, Ints]:
     """Return the number of bits k of each new Gaussian for each refined attribute."""
     l0, l1 = values["log_scale"].astype(np.float64).T
-    area = np.floor((l0 + l1) * 1.4426950408889634).astype(np.int64)
-    shape = np.floor(np.abs(l0 - l1) * 1.4426950408889634).astype(np.int64)
-    colour = np.abs(values["colour"].astype(np.float64)).max(axis=1)
-    exponent = np.where(colour > 0, np.maximum(np.frexp(colour)[1], -8), -8).astype(np.int64)
+    o = values.get("log_opacity", np.zeros((len(l0), 1))).astype(np.float64)[:, 0]
+    logarithms = np.array([l0 + l1, abs(l0 - l1), o])
+    area, shape, opacity = np.floor(logarithms * 1.4426950408889634).astype(np.int64)
     level = {
-        "position": (3 * shape + 8 * exponent) // 8,
-        "log_scale": (area + 2 * exponent) // 2,
-        "rotation": (2 * area + 5 * shape + 4 * exponent) // 4,
-        "colour": area // 2,
+        "position": (3 * shape + 2 * opacity - area) // 8,
+        "log_scale": (2 * area + 3 * opacity) // 8,
+        "rotation": (2 * area + 8 * shape + 3 * opacity) // 8,
+        "colour": 3 * (area + opacity) // 8,
     }
     level["linear"] = level["quadratic"] = level["position"]
     motion = np.concatenate([values["linear"], values["quadratic"]], axis=1).any(axis=1)
@@ -487,9 +485,6 @@ def decode_deflate(reader: Reader, plane: Plane) -> Ints:
         difference[:, 0] = difference[:, 0].cumsum()
         values = difference.cumsum(axis=1) % 2**plane.bits
     return values
-
-
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def png_chunk(kind: bytes, body: bytes) -> bytes:
@@ -569,8 +564,7 @@ def decode_jxl(reader: Reader, plane: Plane) -> Ints:
     depth = bits.u32(((8, 0), (10, 0), (12, 0), (1, 6)))
     require(depth == 8 * size, "The JPEG XL bit depth is wrong.")
     bits.u(1)  # 16-bit buffers
-    require(bits.u(5) == 0, "JPEG XL: extra channels, xyb_encoded, default colour or ICC.")
-    require(bits.u(2) == 1, "The JPEG XL colour space is not grey.")
+    require(bits.u(5) == 0 and bits.u(2) == 1, "JPEG XL: extra channels, xyb_encoded or not grey.")
     import imagecodecs  # not before the checks
 
     image = np.asarray(imagecodecs.jpegxl_decode(reader.data))
@@ -647,15 +641,15 @@ def decode_context(reader: Reader, plane: Plane) -> Ints:
     """Codec 4."""
     flags = reader.take(1)[0]
     guided = bool(flags & 16)
-    require(flags < 64, "The head has unknown flags.")
-    require(not guided or (plane.attribute.grid == "new" and plane.priors), "There is no guide.")
+    may = not guided or (plane.attribute.grid == "new" and plane.priors)
+    require(may and flags < 64, "The head has unknown flags, or the plane no guide.")
     c_plane = np.zeros((plane.height, plane.width), np.int64)
     last, magnitude = -1, 0
     for _ in range(flags & 15):
         number, weight = reader.take(1)[0], unzigzag(reader.varint(32))
         magnitude += abs(weight)
-        require(last < number < len(plane.priors), "A prior plane has a wrong number.")
-        require(weight != 0 and magnitude <= 2**12, "A prior plane has a wrong weight.")
+        good = last < number < len(plane.priors) and weight != 0 and magnitude <= 2**12
+        require(good, "A prior plane has a wrong number or weight.")
         c_plane += weight * plane.priors[number]
         last = number
     bias = unzigzag(reader.varint(32))
@@ -708,8 +702,7 @@ def neighbours(x: int, y: int, m: int, width: int) -> list[int]:
 
 def decode_ranges(reader: Reader, plane: Plane) -> Ints:
     """Codec 5."""
-    ranges: list[tuple[int, int]] = []
-    highest = 0
+    ranges, highest = list[tuple[int, int]](), 0
     for _ in range(plane.height):
         lowest = highest + unzigzag(reader.varint(32))
         highest = lowest + reader.varint(32)
@@ -737,12 +730,11 @@ def bilinear(grid: Doubles, y: Doubles, x: Doubles) -> Doubles:
     fy, fx = (y - i)[:, None], (x - j)[:, None]
     upper = (1 - fx) * grid[i, j] + fx * grid[i, j1]
     lower = (1 - fx) * grid[i1, j] + fx * grid[i1, j1]
-    result: Doubles = (1 - fy) * upper + fy * lower
-    return result
+    return np.asarray((1 - fy) * upper + fy * lower)
 
 
 def deform(gaussians: Values, grids: Values, tau: float) -> tuple[Doubles, ...]:
-    """Move Gaussians to the time tau; return mu, s, theta and c of section 8.2."""
+    """Move Gaussians to the time tau; return mu, s, theta, c and o of section 8.2."""
     g = {name: value.astype(np.float64) for name, value in gaussians.items()}
     f = np.zeros((len(g["position"]), 8))
     if "xy" in grids:
@@ -753,32 +745,36 @@ def deform(gaussians: Values, grids: Values, tau: float) -> tuple[Doubles, ...]:
         f = (1 - g["indicator"]) * bilinear(xy, v, u) * bilinear(xt, t, u) * bilinear(yt, t, v)
     mu = g["position"] + g["linear"] * tau + g["quadratic"] * tau**2 + f[:, :2]
     s = np.maximum(np.exp(g["log_scale"]) + f[:, 2:4], 0.1)
-    return mu, s, g["rotation"] + f[:, 4:5], g["colour"] + f[:, 5:]
+    theta, c, o = g["rotation"] + f[:, 4:5], g["colour"], np.zeros_like(mu[:, :1])
+    if "log_opacity" in g:  # pictures are means
+        o = (g["log_opacity"] + f[:, 5:6]).clip(-MOST_LOG_OPACITY, MOST_LOG_OPACITY)
+    else:
+        c = c + f[:, 5:]
+    return mu, s, theta, c, o
 
 
 def end_look(gaussians: Values, gop: Gop, sign: int) -> Values:
     """Return the look (section 8.3) in the first (-1) or the last frame (1) of a GOP."""
-    mu, s, theta, c = deform(gaussians, gop.values, float(sign if len(gop.pts) > 1 else 0))
+    mu, s, theta, c, o = deform(gaussians, gop.values, float(sign if len(gop.pts) > 1 else 0))
     log_scale = gaussians["log_scale"]
     if "xy" in gop.values:
         log_scale = np.where(gaussians["indicator"] != 1, np.log(s), log_scale)
-    parts = zip(LOOK, (mu, log_scale, theta, c), strict=True)
-    return {name: value.astype(np.float32) for name, value in parts}
+    parts = zip(LOOK, (mu, log_scale, theta, c, o), strict=True)
+    return {name: value.astype(np.float32) for name, value in parts if name in gaussians}
 
 
 def standing(look: Values) -> Values:
     """Return Gaussians that have a look and no motion."""
-    n = len(look["position"])
-    shapes = {"indicator": (n, 1), "linear": (n, 2), "quadratic": (n, 2)}
-    return look | {name: np.full(s, name == "indicator", np.float32) for name, s in shapes.items()}
+    still = np.zeros_like(look["position"])
+    return look | {"indicator": still[:, :1] + 1, "linear": still, "quadratic": still.copy()}
 
 
 def carry_over(look: Values, gop: Gop) -> Values:
     """Return the Gaussians that a predicted GOP takes over from its reference (section 8.3)."""
     kept = gop.modes != DROPPED
     changed, moved = (gop.modes[kept] & 2) > 0, (gop.modes[kept] & 1) > 0
-    result = standing({name: look[name][kept] for name in LOOK})
-    for name in LOOK:
+    result = standing({name: value[kept] for name, value in look.items()})
+    for name in look:
         if changed.any():
             result[name][changed] += gop.values[f"{name}_change"]
         result[name] = clamp(name, result[name])
@@ -794,33 +790,36 @@ def mix_looks(a: Values, b: Values, kept: npt.NDArray[np.bool_], w: float) -> Va
     """Mix the looks of a GOP and of the GOP predicted from it (section 8.1)."""
     carried = np.count_nonzero(kept)
     mixed: Values = {}
-    for name in LOOK:
-        fade_out, fade_in = (1 - w, w) if name == "colour" else (1, 1)
+    for name in a:
+        gone, come = a[name][~kept].astype(np.float64), b[name][carried:].astype(np.float64)
+        if name == "log_opacity":
+            gone, come = gone + math.log(max(1 - w, 2**-16)), come + math.log(max(w, 2**-16))
+        elif name == "colour" and "log_opacity" not in a:
+            gone, come = (1 - w) * gone, w * come
         both = (1 - w) * a[name][kept].astype(np.float64) + w * b[name][:carried]
-        parts = [both, fade_out * a[name][~kept], fade_in * b[name][carried:]]
-        mixed[name] = np.concatenate(parts).astype(np.float32)
+        mixed[name] = np.concatenate([both, gone, come]).astype(np.float32)
     return standing(mixed)
 
 
 def render(gaussians: Values, grids: Values, tau: float, sides: tuple[int, ...]) -> Doubles:
-    """Return picture_0 of section 8.5, [height, width, 3]; sides are Wc, Hc, W, H."""
+    """Return the picture of section 8.5, [height, width, 3]; sides are Wc, Hc, W, H."""
     width, height = sides[2:]
     zx, zy = width / sides[0], height / sides[1]
     z = min(zx, zy)
-    mu, s, theta, c = deform(gaussians, grids, tau)
+    mu, s, theta, c, o = deform(gaussians, grids, tau)
     bounds = np.array([math.log(2**i / z) for i in (1, 2, 3, 4)], np.float32)
-    smaller = gaussians["log_scale"].min(axis=1, keepdims=True)
-    level = (smaller >= bounds).sum(axis=1, keepdims=True)
+    level = (gaussians["log_scale"].min(axis=1, keepdims=True) >= bounds).sum(axis=1, keepdims=True)
     area = 4.0**level / z**2
     squared = s**2
     fine = squared + 0.1 + max(1 / z**2 - 1, 0) / 4
     v = np.where(level == 0, fine, np.maximum(squared - 3 / 16 * area, area / 2))
-    colour = np.sqrt((squared + 0.1).prod(axis=1) / v.prod(axis=1))[:, None] * c
+    a = np.sqrt((squared + 0.1).prod(axis=1) / v.prod(axis=1))[:, None]
+    factors = a * np.exp(o) * np.append(c, np.ones_like(a), axis=1)
     scale = np.array([zx, zy]) / 2.0**level
     centre = (mu + 1) * np.array([width, height]) / 2 / 2.0**level
     cos, sin = np.cos(theta), np.sin(theta)
     reach = scale * np.sqrt(2 * math.log(64) * (v * cos**2 + v[:, ::-1] * sin**2))
-    pictures = [np.zeros((-(-height // 2**i), -(-width // 2**i), 3)) for i in range(5)]
+    pictures = [np.zeros((-(-height // 2**i), -(-width // 2**i), 4)) for i in range(5)]
     size = np.array([picture.shape[1::-1] for picture in pictures])[level[:, 0]]
     first = np.floor(centre - reach).clip(0, size).astype(np.int64)
     end = np.ceil(centre + reach).clip(0, size).astype(np.int64)
@@ -832,11 +831,12 @@ def render(gaussians: Values, grids: Values, tau: float, sides: tuple[int, ...])
         # The distance in the axes of the Gaussian: nothing cancels, unlike in the determinant.
         along, across = cos[n] * dx + sin[n] * dy, cos[n] * dy - sin[n] * dx
         weight = np.exp(-(along**2 / v[n, 0] + across**2 / v[n, 1]) / 2) - 1 / 64
-        picture[rows, columns] += weight.clip(0)[:, :, None] * colour[n]
+        picture[rows, columns] += weight.clip(0)[:, :, None] * factors[n]
     image = pictures[4]
     for picture in pictures[3::-1]:
         image = picture + magnify(image)[: picture.shape[0], : picture.shape[1]]
-    return image
+    divisor = 1 / 1024 + image[:, :, 3:] if "log_opacity" in gaussians else 1
+    return image[:, :, :3] / divisor
 
 
 def magnify(picture: Doubles) -> Doubles:
@@ -916,22 +916,21 @@ class Film:
         for before, i in zip([-1, *chain[:-1]], chain, strict=True):
             gop = self._gops[i]
             if i not in self._gaussians:
-                empty = {name: np.zeros((0, a.components)) for name, a in NEW.items()}
-                own = {name: gop.values.get(name, empty[name]) for name in NEW}
+                names = [name for name in NEW if self.header.mean or name != "log_opacity"]
+                empty = {name: np.zeros((0, NEW[name].components)) for name in names}
+                own = {name: gop.values.get(name, empty[name]) for name in names}
                 if gop.chunk.reference:
-                    look = end_look(self._gaussians[before], self._gops[before], 1)
-                    carried = carry_over(look, gop)
-                    own = {name: np.concatenate([carried[name], own[name]]) for name in NEW}
+                    last = end_look(self._gaussians[before], self._gops[before], 1)
+                    carried = carry_over(last, gop)
+                    own = {name: np.concatenate([carried[name], own[name]]) for name in names}
                 self._gaussians[i] = {name: v.astype(np.float32) for name, v in own.items()}
         return self._gaussians[index]
 
-    def picture(self, time: Fraction, width: int = 0, height: int = 0) -> Doubles:
-        """Render picture_0 at a time in ticks; the default size is that of the coded frame."""
-        coded = (self.header.width, self.header.height)
-        sides = (*coded, width or coded[0], height or coded[1])
+    def picture(self, time: Fraction, width: int, height: int) -> Doubles:
+        """Render a picture at a time in ticks."""
+        sides = (self.header.width, self.header.height, width, height)
         index = bisect_right([chunk.first_pts for chunk in self.chunks], time) - 1
-        if index < 0:
-            raise ValueError(f"The time {time} is before the first frame.")
+        require(index >= 0, f"The time {time} is before the first frame.")
         here, gop = self.gaussians(index), self._gops[index]
         end = Fraction(gop.pts[-1])
         if time <= end or index + 1 == len(self.chunks):

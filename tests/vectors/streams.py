@@ -21,6 +21,9 @@ from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.prediction import CHANGED
+from gsvrcodec.model.quantise import Precision
+from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
 from gsvrcodec.planes import PACKS, context
 from gsvrcodec.planes.table import Codec
 from tests.gops import (
@@ -28,6 +31,7 @@ from tests.gops import (
     HEADER,
     REFINED,
     SIXTEEN_BITS,
+    make_carried,
     make_chain,
     make_file,
     make_gop,
@@ -36,6 +40,8 @@ from tests.gops import (
 from tests.tampering import Piece, edited, joined, pieces
 
 SAMPLES = Path(__file__).parents[2] / "samples"
+#: Opacities of four values, which have the bounds among them: 2^2 - 1 divides their range.
+OPACITIES: Precision = {**BITS, "log_opacity": 2}
 
 
 def minimal() -> bytes:
@@ -50,6 +56,7 @@ def minimal() -> bytes:
         log_scale=values([0.5, 0]),
         rotation=values(0.25),
         colour=values([0.5, 0.5, 0.5]),
+        log_opacity=values(1.5),
         indicator=values(1),
         linear=values([0, 0]),
         quadratic=values([0, 0]),
@@ -131,6 +138,52 @@ def levels(width: int, height: int) -> bytes:
     return make_file([payload], replace(HEADER, width=width, height=height))
 
 
+def _small(gop: Gop, *others: bytes) -> bytes:
+    """Small pictures of a key GOP of two frames, and GOPs that follow it."""
+    key = pack_gop(gop, np.array([0, 40]), np.full(2, 40), 0, OPACITIES)
+    return make_file([key, *others], replace(HEADER, width=40, height=30))
+
+
+def opacities() -> bytes:
+    """Opacities at both bounds, and changes that go beyond them in a predicted GOP."""
+    gop, new = make_gop(24, seed=12), make_gop(2, seed=2)
+    gop.log_opacity[:] = np.resize([-MOST_LOG_OPACITY, MOST_LOG_OPACITY, -4, 4], 24)
+    new.log_opacity[:] = -MOST_LOG_OPACITY, MOST_LOG_OPACITY
+    carried = make_carried(np.full(24, CHANGED, np.uint8), seed=5)
+    carried.log_opacity[:] = np.repeat([-24, 24, 8, -8, -8, 8], 4)
+    times = np.array([80, 120]), np.full(2, 40)
+    predicted = pack_gop(new, *times, 2, OPACITIES, reference=2, carried=carried)
+    return _small(gop, predicted)
+
+
+def opacities_fading() -> bytes:
+    """A tri-plane that takes opacities from one bound to the other, and beyond."""
+    gop = make_gop(30, (3, 2, 3), seed=7)
+    gop.indicator[:] = np.resize([0, 0.5, 1], 30)
+    gop.xy[..., 5] = 20
+    gop.xt[..., 5] = np.array([-1, 0.1, 1])[:, None]
+    gop.yt[..., 5] = 1
+    return _small(gop)
+
+
+def opacities_thin() -> bytes:
+    """Sums of weights that vanish beside the ground."""
+    gop = make_gop(40, seed=3)
+    gop.log_opacity[:] = np.linspace(-MOST_LOG_OPACITY, -6, 40)
+    gop.colour[:] *= 4
+    return _small(gop)
+
+
+def opacities_hidden() -> bytes:
+    """One Gaussian hides all others, which are opaque too."""
+    gop = make_gop(40, seed=6)
+    gop.position[0], gop.log_scale[0] = 0, np.log(39)
+    gop.linear[0] = gop.quadratic[0] = 0
+    gop.log_opacity[1:] = 0
+    gop.log_opacity[0] = MOST_LOG_OPACITY
+    return _small(gop)
+
+
 def entropy_tokens() -> bytes:
     """Planes of codec 4 with choices that suit large ones: many contexts and tokens."""
     with (
@@ -149,6 +202,11 @@ def film(source: str, **settings: Any) -> bytes:
         return path.read_bytes()
 
 
+def _sum(payloads: list[bytes]) -> bytes:
+    """A file whose pictures are sums."""
+    return make_file(payloads, replace(HEADER, blending="sum"))
+
+
 def _packed(pack: str) -> Callable[[], bytes]:
     return lambda: make_file([make_payload(50, (6, 4, 3), pack=pack, seed=1)])
 
@@ -165,13 +223,19 @@ RANDOM: Mapping[str, Callable[[], bytes]] = {
     **{pack: _packed(pack) for pack in ("deflate", "png", "jxl", "entropy", "auto")},
     "entropy-strips": lambda: make_file([make_payload(400, pack="entropy", seed=2)]),
     "entropy-tokens": entropy_tokens,
+    "opacities": opacities,
+    "opacities-fading": opacities_fading,
+    "opacities-thin": opacities_thin,
+    "opacities-hidden": opacities_hidden,
+    "sum": lambda: _sum([make_payload(50, (6, 4, 3), seed=1, blending="sum")]),
+    "predicted-sum": lambda: _sum(make_chain((2, 2), blending="sum")),
     "predicted": lambda: make_file(make_chain()),
     "predicted-entropy": lambda: make_file(make_chain((2, 2, 2), 120, 20, pack="entropy")),
     "predicted-branches": lambda: make_file(make_chain((3, 1, 2, 2, 2), references=(0, 1, 0, 1))),
     "refined": lambda: make_file(
         [make_payload(50, (6, 4, 3), pack="entropy", bits=REFINED, seed=1)]
     ),
-    "predicted-refined": lambda: make_file(make_chain((2, 2, 2), bits=REFINED)),
+    "predicted-refined": lambda: make_file(make_chain((2, 2, 2), new=6, bits=REFINED)),
     "sixteen-bits": lambda: make_file([make_payload(30, (4, 3, 2), pack="jxl", bits=SIXTEEN_BITS)]),
     "sixteen-bits-entropy": lambda: make_file(
         [make_payload(30, (4, 3, 2), pack="entropy", bits=SIXTEEN_BITS)]
@@ -186,7 +250,7 @@ FILMS: Mapping[str, Callable[[], bytes]] = {
     "film-sound": lambda: film("bunny_24f_320x180_audio.mp4", crf=30, gop=8),
     "film-turned": lambda: film("cup_vfr_rot90_16f_320x240.mp4", crf=30),
     "film-odd": lambda: film("city_cut_odd_24f_241x135.webm", crf=30),
-    "film-10-bits": lambda: film("bunny_10bit_12f_320x180.mkv", crf=26),
+    "film-10-bits": lambda: film("bunny_10bit_12f_320x180.mkv", crf=26, crop=(160, 120, 80, 30)),
     "film-637x359": lambda: film("bigbuckbunny.mp4", crf=32, crop=(637, 359, 320, 180), frames=5),
     "film-paper": lambda: film(
         "tree_noise_20f_160x120.mp4", profile="paper", gaussians=900, frames=6, preset="fastest"

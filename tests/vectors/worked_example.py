@@ -45,11 +45,12 @@ def hex_dump(data: bytes) -> str:
             (6, "no tri-plane"),
             (8, "1 frame"),
             (4, "1 GOP"),
+            (2, "pictures are means, reserved"),
         ],
     )
     timing = [(3, "timing: 1 frame, step 1, duration 1")]
     shape = [
-        (4, "72 bytes, 13 planes"),
+        (4, "72 bytes, 14 planes"),
         (6, "Gx, Gy, Gt"),
         (2, "reserved"),
         (8, "carries 0, drops 0"),
@@ -61,7 +62,7 @@ def hex_dump(data: bytes) -> str:
     chunk("GOPD", [*summary, *shape, *timing, *table, *planes, *refinement])
     gop_size = GOP_HEAD_BYTES + 3 + 18 * len(names) + 12
     chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
-    chunk("fend", [(8, f"index at byte {98 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
+    chunk("fend", [(8, f"index at byte {100 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
     lines = []
     offset = 0
     for length, what in parts:
