@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import FrameType
 
 from gsvrcodec.bitstream.chunk import (
@@ -35,7 +36,7 @@ from gsvrcodec.errors import CorruptError, GsvrError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import render_frames
-from tests.gops import make_chain, make_file, make_payload
+from tests.gops import HEADER, make_chain, make_file, make_payload
 from tests.tampering import Piece, edited, joined, pieces, with_plane
 
 #: Longest that one input may take, seconds.
@@ -53,7 +54,10 @@ def seeds() -> list[bytes]:
         make_file(make_chain((2, 1, 2), 30, grid=(3, 2, 2), pack=pack))
         for pack in ("deflate", "entropy")
     ]
-    return chains + [
+    sums = make_file(
+        make_chain((2, 1), 20, grid=(3, 2, 2), blending="sum"), replace(HEADER, blending="sum")
+    )
+    return [*chains, sums] + [
         make_file(
             [
                 make_payload(30, grid, frames=2, pack=pack, seed=1),
@@ -78,7 +82,8 @@ def decoded(data: bytes) -> Frames:
                 continue
             coded = reader.header.width, reader.header.height
             taus = normalised_time(content.pts)
-            frames = render_frames(content.gop, taus, SIZE, coded, threads=1)
+            blending = reader.header.blending
+            frames = render_frames(content.gop, taus, SIZE, coded, threads=1, blending=blending)
             for number, frame in enumerate(frames, content.first_frame):
                 found[number] = frame.tobytes()
     return found
@@ -135,7 +140,7 @@ def forged(data: bytes, draw: random.Random) -> bytes:
             chunks[at] = Piece(GOP_TYPE, bytes(payload))
             return joined(chunks)
         case 3:
-            plane = draw.randrange(13)
+            plane = draw.randrange(14)
             at = next(i for i, piece in enumerate(chunks) if piece.type == GOP_TYPE)
             stuff = draw.randbytes(draw.choice((0, 1, 5, 60, 500)))
             fields = draw.choice(({}, {"codec": draw.randrange(7)}, {"bits": draw.randrange(34)}))

@@ -9,13 +9,21 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE, INDEX_TYPE
+from gsvrcodec.bitstream.chunk import (
+    GOP_TYPE,
+    HEAD_TYPE,
+    INDEX_TYPE,
+    OVERHEAD_BYTES,
+    SIGNATURE,
+)
 from gsvrcodec.bitstream.gop_payload import plane_table, unpack_gop
 from gsvrcodec.bitstream.header import (
+    HEADER_BYTES,
     IMAGE_CODECS_FLAG,
     UNKNOWN_GRID,
     UNKNOWN_MAXIMUM,
@@ -37,8 +45,8 @@ from tests.vectors.make import VALID
 
 Target = Callable[[bytes], object]
 
-#: A header that all GOPs keep to.
-ANY = Header(
+#: A header that all GOPs of means keep to, and one for those of sums.
+MEANS = Header(
     width=64,
     height=48,
     time_base=HEADER.time_base,
@@ -47,17 +55,20 @@ ANY = Header(
     max_gop_frames=UNKNOWN_MAXIMUM,
     max_grid=UNKNOWN_GRID,
 )
+SUMS = replace(MEANS, blending="sum")
+#: Where the first chunk behind the header starts.
+_FIRST_CHUNK = len(SIGNATURE) + OVERHEAD_BYTES + HEADER_BYTES
 #: Streams that the parsers' inputs are taken from.
 NAMES = (
     *("minimal", "black-triplane", "variable-rate", "levels-1x1", "stream", "deflate", "png"),
     *("jxl", "entropy", "predicted", "predicted-entropy", "predicted-refined", "sixteen-bits"),
-    "sixteen-bits-entropy",
+    *("sixteen-bits-entropy", "opacities", "sum", "predicted-sum"),
 )
 
 
 def _index(data: bytes) -> None:
     """Where the index starts, then its payload."""
-    parse_index(data[8:], 98, int.from_bytes(data[:8], "little"), fuzz.LIMITS)
+    parse_index(data[8:], _FIRST_CHUNK, int.from_bytes(data[:8], "little"), fuzz.LIMITS)
 
 
 def _timing(data: bytes) -> None:
@@ -91,10 +102,6 @@ def _json(data: bytes) -> None:
             parse(data)
 
 
-def _gop(data: bytes) -> None:
-    unpack_gop(data, ANY, fuzz.LIMITS)
-
-
 def _file(data: bytes) -> None:
     fuzz.decoded(data)
 
@@ -109,7 +116,8 @@ TARGETS: Mapping[str, Target] = {
     "repaired": _repaired,
     "header": lambda data: parse_header(data, Limits()),
     "index": _index,
-    "gop": _gop,
+    "gop": lambda data: unpack_gop(data, MEANS, fuzz.LIMITS),
+    "gop_of_sum": lambda data: unpack_gop(data, SUMS, fuzz.LIMITS),
     "timing": _timing,
     "refinement": _refinement,
     **{
@@ -125,6 +133,7 @@ def seeds(target: str) -> Iterator[bytes]:
     for name in NAMES:
         data = (VALID / f"{name}.gsvr").read_bytes()
         chunks = pieces(data)
+        header = SUMS if name in ("sum", "predicted-sum") else MEANS
         payloads = [piece.payload for piece in chunks if piece.type == GOP_TYPE]
         if target in ("file", "repaired"):
             yield data
@@ -134,8 +143,9 @@ def seeds(target: str) -> Iterator[bytes]:
             for piece in chunks:
                 if piece.type == INDEX_TYPE:
                     yield chunks[-1].payload[:8] + piece.payload
-        elif target == "gop":
-            yield from payloads
+        elif target in ("gop", "gop_of_sum"):
+            if header is (MEANS if target == "gop" else SUMS):
+                yield from payloads
         elif target == "timing":
             pts = np.cumsum([0, 33, 33, 34, 100])
             yield struct.pack("<Hq", 5, 0) + pack_timing(pts, np.full(5, 33))
@@ -145,13 +155,13 @@ def seeds(target: str) -> Iterator[bytes]:
             yield b'{"film": {"title": "a"}, "streams": [{"tags": {}, "disposition": 1}]}'
             yield b'{"chapters": [{"start": [0, 1], "stop": [1, 2], "tags": {}}]}'
         else:
-            yield from _planes(Codec[target.upper()], payloads)
+            yield from _planes(Codec[target.upper()], payloads, header)
 
 
-def _planes(codec: Codec, payloads: list[bytes]) -> Iterator[bytes]:
+def _planes(codec: Codec, payloads: list[bytes], header: Header) -> Iterator[bytes]:
     """Coded planes of a codec."""
     for payload in payloads:
-        entries, offset = plane_table(payload, ANY, Limits())
+        entries, offset = plane_table(payload, header, Limits())
         for entry in entries:
             if entry.codec == codec:
                 shape = bytes([entry.width, entry.height, entry.quantiser.bits, 0])

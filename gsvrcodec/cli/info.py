@@ -123,6 +123,7 @@ def _lines(info: FileInfo) -> Iterator[str]:
     rows = {
         "file": info.path,
         "version": meta.version
+        + ", pictures are sums" * (info.blending == "sum")
         + ", planes as PNG or JPEG XL" * info.image_codecs
         + ", written as a stream" * info.stream,
         "picture": picture,

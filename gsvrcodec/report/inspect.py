@@ -23,6 +23,7 @@ from gsvrcodec.bitstream.tags import container_of, parse_settings, parse_tags
 from gsvrcodec.decoder.frames import Metadata
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.report.spending import Item, spending
 
 
@@ -53,6 +54,7 @@ class FileInfo:
     path: str
     metadata: Metadata
     gops: tuple[GopInfo, ...]  #: but for those whose heads are damaged
+    blending: Blending  #: whether pictures are means of Gaussians or sums, by the header
     image_codecs: bool  #: whether planes coded as PNG or JPEG XL may occur, by the header
     stream: bool  #: whether the file was written front to back, by the header
     recovered: bool  #: whether the file has no valid index: it is cut short or damaged
@@ -79,6 +81,7 @@ class FileInfo:
         return {
             "file": self.path,
             "version": meta.version,
+            "blending": self.blending,
             "image_codecs": self.image_codecs,
             "stream": self.stream,
             "width": meta.width,
@@ -132,6 +135,7 @@ def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
             reader.name,
             Metadata.of(reader),
             tuple(gops),
+            reader.header.blending,
             reader.header.image_codecs,
             reader.header.stream,
             reader.recovered,

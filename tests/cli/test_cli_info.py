@@ -70,6 +70,11 @@ class TestInfo:
             spending["position"]["bits_per_gaussian"], abs=5e-3
         )
 
+    def test_sums_are_named(self, cli: Runner, path: Path, tmp_path: Path) -> None:
+        sums = making.gsvr_file(tmp_path / "sums.gsvr", blending="sum")
+        assert "version    1.0, pictures are sums\n" in cli("gsvrinfo", sums).out
+        assert "pictures are" not in cli("gsvrinfo", path).out
+
     def test_control_characters_are_not_printed(self, cli: Runner, tmp_path: Path) -> None:
         hostile = making.gsvr_file(tmp_path / "a.gsvr", settings={"a": "\x1b[2J\u202e"})
         out = cli("gsvrinfo", hostile).out

@@ -38,8 +38,9 @@ class TestInspect:
 
     @pytest.mark.parametrize(("blending", "each"), [("mean", 14), ("sum", 13)])
     def test_without_a_tri_plane(self, tmp_path: Path, blending: Blending, each: int) -> None:
-        path = making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0), blending=blending)
-        assert {gop.parameters for gop in inspect(path).gops} == {each * 60}
+        info = inspect(making.gsvr_file(tmp_path / "a.gsvr", grid=(0, 0, 0), blending=blending))
+        assert {gop.parameters for gop in info.gops} == {each * 60}
+        assert info.to_dict()["blending"] == info.blending == blending
 
     def test_predicted_gops(self, tmp_path: Path) -> None:
         info = inspect(making.gsvr_file(tmp_path / "a.gsvr", predicted=True))
