@@ -6,11 +6,14 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import gsvrcodec
 from gsvrcodec.bitstream.chunk import OVERHEAD_BYTES
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.bitstream.gop_payload import plane_table
@@ -131,6 +134,20 @@ class TestDecoders:
         for path in VALID:
             numpy_decoder.decode_vector(path, tmp_path)
         self.assert_passes(VALID, tmp_path)
+
+    @pytest.mark.parametrize("name", ["predicted", "predicted-sum", "opacities"])
+    def test_passages_from_the_text_of_the_spec(self, name: str) -> None:
+        """Between a GOP and the next that is predicted from it, which no vector shows."""
+        path = make.VALID / f"{name}.gsvr"
+        film = numpy_decoder.Film(path.read_bytes())
+        with gsvrcodec.open(path) as decoder:
+            about = decoder.metadata
+            for before, after in pairwise(film.chunks):
+                moment = Fraction(2 * before.last_pts + after.first_pts, 3)
+                wanted = film.picture(moment, about.width, about.height).clip(0, 1)
+                found = decoder.render(moment * about.time_base)
+                codes = np.floor(255 * wanted + 0.5).astype(np.uint8)
+                assert not list(check.picture_differences(name, found, codes))
 
     @pytest.mark.parametrize("path", SMALL, ids=lambda path: path.stem)
     def test_reference(self, path: Path) -> None:
