@@ -39,6 +39,11 @@ def _cosine(spent: float) -> float:
     return 0.02 + 0.98 * (1 + math.cos(math.pi * spent)) / 2
 
 
+#: Means, float PSNR of first GOPs of twelve clips at half size, 60 visits: linear x0.4 and
+#: quadratic x0.2 +0.45 dB over the rates of sums; with position x0.75, opacity 0.12 instead of 0.2,
+#: coarse 0.22 instead of 0.35 and smaller new Gaussians +0.53 dB. Around these values it is flat.
+#: What follows was measured with sums.
+#:
 #: Six clips (Bunny and those of `tests/benchmarks`), 48 frames at 0.1 bpp and 25 visits, gave
 #: +0.73 dB in the mean, +0.34 to +1.1 dB by clip, over scale and rotation 0.08, colour 0.02, coarse
 #: 0.5, relocations at 0.15, 0.3 and 0.45, and tuning of 0.12: `clips --table recipe`,

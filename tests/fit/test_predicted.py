@@ -249,9 +249,9 @@ def test_what_cannot_be_predicted_is_not(key: Key) -> None:
 
 
 class TestNumbers:
-    @pytest.mark.parametrize("gaussians", [400, 450, 700])
+    @pytest.mark.parametrize("gaussians", [300, 400, 700])
     def test_as_many_as_asked_for(self, key: Key, gaussians: int) -> None:
-        fit = predicted(key, film(), gaussians=gaussians, kept_bits=1.0)
+        fit = predicted(key, film() // 8 * 7, gaussians=gaussians)
         kept, anchor = parts(fit)
         assert len(fit.gop) + kept.sum() == max(gaussians, kept.sum() + 1)
         if gaussians > GAUSSIANS:
@@ -259,9 +259,9 @@ class TestNumbers:
         assert_finite(fit.gop)
 
     def test_the_weakest_are_dropped_and_leave_no_hole(self, key: Key) -> None:
-        fit = predicted(key, film(1), gaussians=450)
-        stays = np.mean([psnr(key.reference.picture, shot) for shot in film(1)])
-        assert fit.psnr > stays + 8
+        fit = predicted(key, film(2), gaussians=400)
+        stays = np.mean([psnr(key.reference.picture, shot) for shot in film(2)])
+        assert fit.psnr > stays + 2
         kept, anchor = parts(fit)
         look = key.reference.look
         area = np.exp(look.log_scale.sum(axis=1))
