@@ -149,7 +149,8 @@ def encode_gop(job: GopJob) -> EncodedGop:
         last = np.array([1.0 if reference.frames > 1 else 0.0], np.float32)
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
-        start = predicted.Reference(look, shown, reference.qscale, reference.psnr)
+        qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
+        start = predicted.Reference(look, shown, qscale, reference.psnr)
         sized = budget.target_bytes is not None
         return fit_predicted(
             footage,
@@ -221,7 +222,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
                 qscale, reach = predicted_from.qscale, RATE_CONTROL.reach
             stored = quantise_near_size(candidate, budget.target_bytes, qscale, reach)
         elif budget.slope is not None:
-            stored = candidate.quantised(budget.slope.qscale)
+            stored = candidate.quantised(budget.slope.stored_qscale)
         elif budget.target_psnr is not None:
             stored = quantise_to_psnr(candidate, budget.target_psnr)
         elif predicted_from is not None:

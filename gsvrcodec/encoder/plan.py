@@ -14,7 +14,6 @@ from gsvrcodec.encoder.budget import (
     Budget,
     allocate,
     fittable,
-    grid_parameters,
     halved,
     most_gaussians,
     triplane_grid,
@@ -32,7 +31,7 @@ from gsvrcodec.encoder.slicing import Chain
 from gsvrcodec.encoder.tuned import CHAIN, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.slope import Slope
-from gsvrcodec.model.attributes import gaussian_parameters
+from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import GridSize
 
 
@@ -88,7 +87,7 @@ def plan(
         frames = sum(map(len, chain))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
             own = stats[gop.start : gop.stop]
-            grid = _grid(own, gaussians, size, settings, predicted=number > 0)
+            grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
             budget = Budget(gaussians, target_psnr=settings.target_psnr, grid=grid)
             if number:
                 changing = min(1.0, weights[number])
@@ -135,22 +134,27 @@ def _shares(
 
 
 def _grid(
-    stats: Sequence[FrameStats],
+    frames: int,
     gaussians: int,
     size: tuple[int, int],
     settings: EncodeSettings,
     *,
     predicted: bool,
 ) -> GridSize:
-    """The usual tri-plane; half as many cells a side in space where it is dear, or also in time.
+    """The usual tri-plane, with fewer cells in space where its numbers would be dear.
 
-    The latter where little moves. A predicted GOP always has half as many cells in space.
+    A predicted GOP has at most half as many cells a side.
     """
-    gx, gy, gt = triplane_grid(size, len(stats), settings)
-    numbers = grid_parameters((gx, gy, gt), settings.blending)
-    dear = numbers > TRIPLANE.dear * gaussian_parameters(settings.blending) * gaussians
-    slow = fmean(frame.motion for frame in stats) < TRIPLANE.slow
-    idle = slow and len(stats) * size[0] * size[1] > TRIPLANE.sparse * gaussians
-    if dear or idle or predicted:
-        gx, gy, gt = halved((gx, gy, gt))
-    return gx, gy, -(-gt // 2) if idle else gt
+    gx, gy, gt = grid = triplane_grid(size, frames, settings)
+    if predicted:
+        gx, gy, gt = grid = halved(grid)
+    if not gx:
+        return grid
+    most = TRIPLANE.share * gaussian_parameters(settings.blending) * gaussians
+    # With s times the cells a side, s^2 plane + s lines numbers.
+    channels = triplane_channels(settings.blending)
+    plane, lines = channels * gx * gy, channels * gt * (gx + gy)
+    side = (math.sqrt(lines**2 + 4 * plane * most) - lines) / (2 * plane)
+    least = TRIPLANE.cells[0]
+    gx, gy = (min(n, max(least, round(side * n))) for n in (gx, gy))
+    return gx, gy, gt

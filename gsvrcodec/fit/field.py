@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians
@@ -122,6 +124,43 @@ class Field:
     def carried(self) -> Tensor | None:
         """1 for Gaussians of the reference, 0 for others, (N, 1); None = a key GOP."""
         return None if self._anchored is None else self._anchored["carried"]
+
+    @contextmanager
+    def about_middle(self, gradients: Tensors) -> Iterator[None]:
+        """Make steps of motion turn carried Gaussians about their canonical positions.
+
+        What is stored of such a Gaussian is the change of its place where the reference leaves it:
+        a step of its motion alone would move it most at the other end of the GOP, and a step of
+        its place would shift all of its way. About the middle, place and motion hardly depend on
+        each other, and converge sooner.
+
+        Args:
+            gradients: in `raw`; those of motion are changed, in place, for a step that is taken in
+                the context.
+        """
+        if self._anchored is None or "linear" not in self.raw:
+            yield
+            return
+        assert self.anchor is not None
+        carried = self._anchored["carried"]
+        powers = {"linear": self.anchor.start, "quadratic": self.anchor.start**2}
+        before = {name: self.raw[name].clone() for name in powers}
+        for name, power in powers.items():
+            gradients[name] = gradients[name] + power * carried * gradients["position"]
+        yield
+        for name, power in powers.items():
+            self.raw["position"].add_(power * carried * (self.raw[name] - before[name]))
+
+    def limit(self) -> None:
+        """Bound the opacities by `OPACITY.most`, in place."""
+        if "log_opacity" not in self.raw:
+            return
+        value, most = self.raw["log_opacity"], OPACITY.most
+        if self._anchored is None:
+            value.clamp_(-most, most)
+        else:
+            before = self._anchored["log_opacity"]
+            value.copy_((value + before).clamp_(-most, most).sub_(before))
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""

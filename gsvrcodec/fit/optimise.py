@@ -16,6 +16,7 @@ from gsvrcodec.fit.axes import Axes
 from gsvrcodec.fit.effect import losses
 from gsvrcodec.fit.field import Field, Tensors
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, some_frames
+from gsvrcodec.fit.pace import paces
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
@@ -60,20 +61,26 @@ class Adam:
                 rates[:2] /= np.array(size, np.float32) / 2
             self._rates[name] = torch.from_numpy(rates).to(tensor.device)
 
-    def step(self, gradients: Tensors, factor: float, tensors: Tensors) -> None:
+    def step(
+        self, gradients: Tensors, factor: float, tensors: Tensors, paces: Tensors | None = None
+    ) -> None:
         """Follow the gradients.
 
         Args:
             gradients: of all of `raw`.
             factor: of all rates.
             tensors: the decoder's parameters, by the names of `Gop`.
+            paces: factors of the rates of each Gaussian, by attribute; none = 1.
         """
         self._steps += 1
         for name, raw in self._raw.items():
             gradient, value = gradients[name], raw
             axes = self._axes_of(tensors) if name == "position" else None
+            pace = None if paces is None else paces.get(name)
             if axes is not None:
-                gradient, value = axes.gradient(gradient), torch.zeros_like(value)
+                gradient = axes.gradient(gradient)
+            if axes is not None or pace is not None:
+                value = torch.zeros_like(raw)
             self._backend.adam_step(
                 value,
                 gradient,
@@ -86,7 +93,9 @@ class Adam:
                 self._steps,
             )
             if axes is not None:
-                raw.add_(axes.offset(value))
+                value = axes.offset(value)
+            if value is not raw:
+                raw.add_(value if pace is None else pace * value)
 
     def _axes_of(self, tensors: Tensors) -> Axes | None:
         """The axes that positions move along; None = the frame's."""
@@ -213,7 +222,10 @@ def optimise(
             price.add(field, gradients)
         patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
-        adam.step(gradients, recipe.decay(spent) * patience * warm_up, tensors)
+        with field.about_middle(gradients):
+            factor = recipe.decay(spent) * patience * warm_up
+            adam.step(gradients, factor, tensors, paces(field, recipe, size))
+        field.limit()
         effort.advance()
 
 

@@ -131,20 +131,19 @@ def change_worth(
     Returns:
         (N,) squared 8-bit codes (mean of the channels) over all frames.
     """
-    small = coarse_frames(footage.frames, PREDICTED)
-    size, coded, frames = (small.shape[2], small.shape[1]), footage.size, len(small)
-    picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, coded), 0, 1)
+    size, frames = footage.size, len(footage.frames)
+    picture = np.clip(backend.picture(backend.prepare(gop), 0.0, size, size), 0, 1)
     chosen = some_frames(frames, PREDICTION.frames)
     sensitivity = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     total = {name: np.zeros(getattr(gop, name).shape) for name in LOOK}
     squares = np.zeros(gop.position.shape)
     for _ in range(PREDICTION.draws):
-        found = backend.gradient(gop, 0.0, noise((*size[::-1], 3), rng), coded)
+        found = backend.gradient(gop, 0.0, noise((*size[::-1], 3), rng), size)
         for name, sums in sensitivity.items():
             sums += np.square(getattr(found, name)) / PREDICTION.draws
     for index in chosen:
-        residual = small[index].astype(np.float32) / 255 - picture
-        found = backend.gradient(gop, 0.0, residual, coded)
+        residual = footage.frames[index].astype(np.float32) / 255 - picture
+        found = backend.gradient(gop, 0.0, residual, size)
         for name, sums in total.items():
             sums += getattr(found, name)
         squares += np.square(found.position, dtype=np.float64)
@@ -155,8 +154,7 @@ def change_worth(
         gain += lasting.reshape(len(gop), -1).sum(axis=1)
         if name == "position":
             gain += (squares / h - lasting).sum(axis=1)
-    pixels = footage.frames[0].size / small[0].size  # of the footage for each that was looked at
-    worth: NDArray[np.float64] = gain * (255.0**2 / 3 * pixels * frames / len(chosen))
+    worth: NDArray[np.float64] = gain * (255.0**2 / 3 * frames / len(chosen))
     return worth
 
 

@@ -16,7 +16,7 @@ from gsvrcodec.fit.tuned import SLOPE
 class Slope:
     """What a bit has to save, whatever number of bits that takes."""
 
-    qscale: float  #: of the steps that the GOP is stored with
+    qscale: float  #: of the steps that a GOP is stored with that no other builds on
     most: int  #: bound of the number of Gaussians
     #: how much more a bit saves than in the frames of the GOP, because others build on them
     lasting: float = 1.0
@@ -25,6 +25,11 @@ class Slope:
     def bit(self) -> float:
         """Squared 8-bit codes that a bit of a Gaussian has to save in the frames of the GOP."""
         return bit_worth(self.qscale) / self.lasting
+
+    @property
+    def stored_qscale(self) -> float:
+        """Factor of the steps of the GOP: finer where others build on it."""
+        return self.qscale / math.pow(self.lasting, SLOPE.lasting)
 
     def gaussians(self, pixels: int, error: float, steps: float) -> int:
         """Return the number of Gaussians at which one more would save just enough.
