@@ -86,7 +86,6 @@ def plan(
         gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), most))
         frames = sum(map(len, chain))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
-            own = stats[gop.start : gop.stop]
             grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
             budget = Budget(gaussians, target_psnr=settings.target_psnr, grid=grid)
             if number:

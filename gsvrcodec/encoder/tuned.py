@@ -85,10 +85,10 @@ class _TriPlane:
     cell_px: float = 20.0  #: side of a cell, px of the coded frame
     cells: tuple[int, int] = (4, 64)  #: fewest and most cells of a side
     #: numbers of a tri-plane, in those of the Gaussians that are expected; a finer one has fewer
-    #: cells a side. Of means, 48 frames at CRF 26, any / 0.1 / 0.05 / 0.025: cup 44.10 dB in 45.5 kB
-    #: / 44.01 in 40.1 / 43.98 in 36.2 / 43.73 in 33.8, and at CRF 32 42.13 dB in 25.1 kB / - / 41.96
-    #: in 16.0; coffee 39.44 dB in 305 kB / - / 39.40 in 299 / 39.26 in 288. Handheld shots need
-    #: their motion of each frame, but few cells: flower 33.1 dB without, 39.0 with 12x6 and 64x36
+    #: cells a side. Of means, 48 frames at CRF 26, any / 0.1 / 0.05 / 0.025: cup 44.10 dB in 45.5
+    #: kB / 44.01 in 40.1 / 43.98 in 36.2 / 43.73 in 33.8, and at CRF 32 42.13 dB in 25.1 kB / - /
+    #: 41.96 in 16.0; coffee 39.44 dB in 305 kB / - / 39.40 in 299 / 39.26 in 288. Handheld shots
+    #: need the motion of each frame, but few cells: flower 33.1 dB without, 39.0 with 12x6 or 64x36
     share: float = 0.04
 
 

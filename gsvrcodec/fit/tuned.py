@@ -75,10 +75,10 @@ class _Tracks:
 class _Opacity:
     """Opacities."""
 
-    #: greatest log-opacity, and least below zero. More makes edges hardly sharper, and a plane holds
-    #: values of at most half the bounds of the specification at any step: Bunny lost 4.4 dB where
-    #: one in twenty Gaussians had 9 to 12. First GOPs of seven clips as in `recipe`, 5.5 / 4 / 3 in
-    #: place of 12: 0.9 / 0.5 / 1.0 % less squared error and bits at one slope
+    #: greatest log-opacity, and least below zero. More makes edges hardly sharper, and a plane
+    #: holds values of at most half the bounds of the specification at any step: Bunny lost 4.4 dB
+    #: where one in twenty Gaussians had 9 to 12. Seven clips at full size, 5.5 / 4 / 3 in place
+    #: of 12: 0.9 / 0.5 / 1.0 % less squared error and bits at one slope
     most: float = 5.5
 
 
@@ -115,13 +115,12 @@ class _Prediction:
     draws: int = 6  #: noises that sensitivities are measured with there
     floor: float = 0.05  #: least sensitivity, in the mean of all Gaussians
     #: a Gaussian is kept if its change is worth less than so many bits: what is kept costs nothing,
-    #: does not flicker from GOP to GOP, and leaves the steps to the others. Soccer, 48 frames at
-    #: CRF 27: 500 +0.28 dB at equal size over 160. 38 frames at CRF 28 and 25 visits: 160 / 320 /
-    #: 640 take 67 / 53 / 43 kB for a GOP at 31.1 dB, and its still areas change by 3.6 / 2.3 / 1.7
-    #: squared codes where it begins. Bee, 30 frames: 640 +0.03 dB, 1280 -0.3 dB
+    #: does not flicker from GOP to GOP, and leaves the steps to the others. GOPs after the first as
+    #: in `recipe.PREDICTED`, over 500 bits by frames of half the size, squared error and bits at
+    #: one slope: 60 / 120 / 250 / 500 / 1000 -5.5 / -7.2 / -5.7 / -5.4 / -5.0 %; soccer and blocks,
+    #: where little moves, take a third fewer bits
     kept_bits: float = 130.0
-    #: the same where a size is to be met, which bits that are not taken would leave unused. Soccer,
-    #: 40 frames at 0.1 bpp and 25 visits: 500 takes 79 % of the size, 160 97 %, at 0.06 dB more
+    #: the same where a size is to be met, which bits that are not taken would leave unused
     kept_bits_sized: float = 60.0
     #: most factor of these if the wall time does not suffice for more changes. 36 frames of soccer
     #: at 0.33 bpp: 20k of 137k Gaussians change instead of 69k, and the GOP after the key GOP is at
@@ -216,8 +215,7 @@ class _Slope:
     growth: float = 0.2
     steps: float = 600.0  #: of a fit with the number above
     #: power of what a GOP lasts by which its steps are finer. First GOPs of chains, squared error
-    #: and bits at one slope, 0.2 / 0.45 over 0: soccer -3.4 / -3.8 %, blocks -2.4 / -2.3 %, bee -1.6
-    #: % both
+    #: and bits at one slope, 0.2 / 0.45 over 0: soccer -3.4 / -3.8 %, blocks -2.4 / -2.3 %
     lasting: float = 0.3
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.budget import Budget, most_gaussians, triplane_grid
+from gsvrcodec.encoder.budget import Budget, grid_parameters, most_gaussians
 from gsvrcodec.encoder.plan import plan
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
@@ -108,15 +108,18 @@ class TestChains:
             self.plan([16] * 5, target_size=5000)
 
 
-def test_a_dear_grid_is_coarse() -> None:
+def test_a_grid_has_a_share_of_the_numbers() -> None:
     stats = [FrameStats(0.4, False, 9.0, 300.0)] * 20
-    grids = [
-        plan([[range(20)]], stats, (640, 360), EncodeSettings(bpp=bpp), seconds=1.0, overhead=0)[
-            0
-        ].grid
-        for bpp in (0.02, 0.2)
-    ]
-    assert grids == [(16, 9, 20), (32, 18, 20)]
+    numbers, grids = [], []
+    for bpp in (0.01, 0.04, 0.1, 2.0):
+        settings = EncodeSettings(bpp=bpp)
+        budget = plan([[range(20)]], stats, (640, 360), settings, seconds=1.0)[0]
+        grids.append(budget.grid)
+        numbers.append(grid_parameters(budget.grid, "mean") / budget.gaussians)
+    assert grids[0] == (4, 4, 20)  # no fewer
+    assert grids[-1] == (32, 18, 20)  # no more
+    # 0.04 of 14 numbers of a Gaussian, but for cells that are whole
+    assert numbers[1:3] == pytest.approx([0.56] * 2, rel=0.12)
 
 
 class TestPlan:
@@ -171,11 +174,6 @@ class TestPlan:
         assert static.target_psnr == moving.target_psnr == 36.0
         assert static.gaussians < moving.gaussians
         assert self.budgets(1, target_psnr=38.0)[0].gaussians > static.gaussians
-
-    def test_a_static_gop_of_few_gaussians_has_a_coarser_grid(self) -> None:
-        few, many = (self.budgets(9, bpp=bpp)[0].grid for bpp in (0.02, 0.5))
-        assert few == (8, 5, 15)
-        assert many == triplane_grid(self.SIZE, 30, EncodeSettings()) == (16, 9, 30)
 
     def test_no_target(self) -> None:
         assert self.budgets(1, 30, gaussians=77) == [Budget(77)] * 2

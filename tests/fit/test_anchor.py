@@ -10,6 +10,7 @@ import torch
 
 from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import (
     CHANGED,
@@ -184,3 +185,30 @@ class TestField:
         field.rearrange(order)
         for name in LOOK:
             np.testing.assert_array_equal(getattr(field.gop(), name), getattr(before, name)[order])
+
+    def test_steps_of_motion_turn_about_the_canonical_position(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        before = field.gop()
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
+        gradients["position"] += torch.tensor([1.0, -2.0])
+        with field.about_middle(gradients):
+            field.raw["linear"] += 0.3
+            field.raw["quadratic"] -= 0.1
+        after = field.gop()
+        np.testing.assert_allclose(after.position, before.position, atol=1e-6)
+        np.testing.assert_allclose(after.linear, before.linear + 0.3, atol=1e-6)
+        # A canonical position that stays moves what is stored: by `start` for linear motion.
+        carried = anchor.carried[:, None] * np.array([1.0, -2.0])
+        np.testing.assert_allclose(gradients["linear"], anchor.start * carried, atol=1e-6)
+        np.testing.assert_allclose(gradients["quadratic"], anchor.start**2 * carried, atol=1e-6)
+
+    def test_opacities_are_bounded_as_they_are_drawn(self) -> None:
+        _, anchor, stored = example()
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        field.raw["log_opacity"][::2] += 50
+        field.raw["log_opacity"][1::2] -= 50
+        field.limit()
+        drawn = field.gop().log_opacity
+        np.testing.assert_allclose(drawn[::2], OPACITY.most, atol=1e-5)
+        np.testing.assert_allclose(drawn[1::2], -OPACITY.most, atol=1e-5)

@@ -1,0 +1,57 @@
+"""Paces: what is new or fast takes larger steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.optimise import Adam
+from gsvrcodec.fit.pace import paces
+from gsvrcodec.fit.recipe import MAIN, PAPER, PREDICTED
+from tests.fit.synthetic import BACKEND
+from tests.fit.test_price import CARRIED, key, predicted
+
+SIZE = (200, 100)
+
+
+def test_key_gops_have_the_rates_of_the_recipe() -> None:
+    assert paces(key(), MAIN, SIZE) == {}
+    assert paces(key(), PAPER, SIZE) == {}
+
+
+def test_new_gaussians_are_faster() -> None:
+    found = paces(predicted(), replace(PREDICTED, new=2.0, fast=0.0), SIZE)
+    assert set(found) == set(predicted().raw) - {"xy", "xt", "yt"}
+    for pace in found.values():
+        np.testing.assert_array_equal(pace.flatten(), [1] * CARRIED + [2] * 8)
+
+
+def test_fast_motion_has_larger_rates() -> None:
+    field = key()
+    field.raw["linear"].zero_()
+    field.raw["linear"][1] = torch.tensor([0.03, 0.08])  # 3 and 4 px
+    field.raw["linear"][2] = torch.tensor([100.0, 0.0])
+    found = paces(field, replace(MAIN, fast=3.0, fast_px=2.0), SIZE)
+    assert set(found) == {"linear", "quadratic"}
+    for pace in found.values():
+        np.testing.assert_allclose(pace[:4, 0], [1, 1 + 3 * 5 / 7, 4, 1], atol=2e-3)
+
+
+def test_a_pace_is_a_factor_of_the_step() -> None:
+    def steps(pace: float | None) -> dict[str, torch.Tensor]:
+        field: Field = key()
+        before = {name: tensor.clone() for name, tensor in field.raw.items()}
+        rng = torch.Generator().manual_seed(1)
+        gradients = {name: torch.randn(t.shape, generator=rng) for name, t in before.items()}
+        given = None if pace is None else {"position": torch.tensor(pace).expand(28, 1)}
+        Adam(field.raw, MAIN, SIZE, BACKEND).step(gradients, 0.1, field.tensors(), given)
+        return {name: field.raw[name] - before[name] for name in before}
+
+    usual, same, thrice = steps(None), steps(1.0), steps(3.0)
+    for name, step in usual.items():
+        torch.testing.assert_close(same[name], step)
+        wanted = 3 * step if name == "position" else step
+        torch.testing.assert_close(thrice[name], wanted, atol=1e-6, rtol=1e-4)
