@@ -114,6 +114,7 @@ def test_a_grid_has_a_share_of_the_numbers() -> None:
     for bpp in (0.01, 0.04, 0.1, 2.0):
         settings = EncodeSettings(bpp=bpp)
         budget = plan([[range(20)]], stats, (640, 360), settings, seconds=1.0)[0]
+        assert budget.grid is not None
         grids.append(budget.grid)
         numbers.append(grid_parameters(budget.grid, "mean") / budget.gaussians)
     assert grids[0] == (4, 4, 20)  # no fewer
