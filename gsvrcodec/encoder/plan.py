@@ -144,15 +144,14 @@ def _grid(
 
     A predicted GOP has at most half as many cells a side.
     """
-    gx, gy, gt = grid = triplane_grid(size, frames, settings)
-    if predicted:
-        gx, gy, gt = grid = halved(grid)
+    usual = triplane_grid(size, frames, settings)
+    gx, gy, gt = halved(usual) if predicted else usual
     if not gx:
-        return grid
-    most = TRIPLANE.share * gaussian_parameters(settings.blending) * gaussians
-    # With s times the cells a side, s^2 plane + s lines numbers.
-    channels = triplane_channels(settings.blending)
-    plane, lines = channels * gx * gy, channels * gt * (gx + gy)
+        return usual
+    numbers = TRIPLANE.share * gaussian_parameters(settings.blending) * gaussians
+    most = numbers / triplane_channels(settings.blending)
+    # With s times the cells a side, a channel has s^2 plane + s lines numbers.
+    plane, lines = gx * gy, gt * (gx + gy)
     side = (math.sqrt(lines**2 + 4 * plane * most) - lines) / (2 * plane)
     least = TRIPLANE.cells[0]
     gx, gy = (min(n, max(least, round(side * n))) for n in (gx, gy))

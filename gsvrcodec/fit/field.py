@@ -20,6 +20,7 @@ from gsvrcodec.render.backend import Backend, Samples
 
 NAMES = Gop.__slots__
 GRIDS = ("xy", "xt", "yt")  #: attributes that no Gaussian owns
+MOTION = ("linear", "quadratic")  #: attributes of the polynomial
 Tensors = dict[str, Tensor]  #: parameters by the names of `Gop`
 
 _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
@@ -143,7 +144,7 @@ class Field:
             return
         assert self.anchor is not None
         carried = self._anchored["carried"]
-        powers = {"linear": self.anchor.start, "quadratic": self.anchor.start**2}
+        powers = dict(zip(MOTION, (self.anchor.start, self.anchor.start**2), strict=True))
         before = {name: self.raw[name].clone() for name in powers}
         for name, power in powers.items():
             gradients[name] = gradients[name] + power * carried * gradients["position"]
@@ -152,7 +153,10 @@ class Field:
             self.raw["position"].add_(power * carried * (self.raw[name] - before[name]))
 
     def limit(self) -> None:
-        """Bound the opacities by `OPACITY.most`, in place."""
+        """Bound the opacities by `OPACITY.most`, in place.
+
+        An opacity that the reference leaves beyond it may stay there, which is no change.
+        """
         if "log_opacity" not in self.raw:
             return
         value, most = self.raw["log_opacity"], OPACITY.most
@@ -160,7 +164,7 @@ class Field:
             value.clamp_(-most, most)
         else:
             before = self._anchored["log_opacity"]
-            value.copy_((value + before).clamp_(-most, most).sub_(before))
+            value.clamp_((-most - before).clamp_(max=0), (most - before).clamp_(min=0))
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""

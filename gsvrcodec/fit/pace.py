@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.field import Field, Tensors
+from gsvrcodec.fit.field import GRIDS, MOTION, Field, Tensors
 from gsvrcodec.fit.recipe import Recipe
-
-_MOTION = ("linear", "quadratic")
 
 
 def paces(field: Field, recipe: Recipe, size: tuple[int, int]) -> Tensors:
@@ -28,13 +25,12 @@ def paces(field: Field, recipe: Recipe, size: tuple[int, int]) -> Tensors:
     found: Tensors = {}
     if field.carried is not None and recipe.new != 1:
         new = 1 + (recipe.new - 1) * (1 - field.carried)
-        for name in (*LOOK, "indicator", *_MOTION):
-            if name in field.raw:
-                found[name] = new if field.raw[name].dim() > 1 else new[:, 0]
+        for name in field.raw.keys() - set(GRIDS):
+            found[name] = new if field.raw[name].dim() > 1 else new[:, 0]
     if recipe.fast and "linear" in field.raw:
         pixels = torch.tensor(size, device=field.backend.device) / 2
         way = torch.linalg.vector_norm(field.raw["linear"] * pixels, dim=1, keepdim=True)
         factor = 1 + recipe.fast * way / (way + recipe.fast_px)
-        for name in _MOTION:
+        for name in MOTION:
             found[name] = factor * found[name] if name in found else factor
     return found

@@ -16,7 +16,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_to
 from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.motion import Tracker
-from gsvrcodec.fit.optimise import coarse_frames, optimise
+from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.options import FitOptions
 from gsvrcodec.fit.precision import bit_worth
 from gsvrcodec.fit.recipe import PREDICTED
@@ -100,8 +100,7 @@ def fit_predicted(
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
     if mean_psnr(field.gop(), footage, backend) < lost:
         return None
-    small = coarse_frames(footage.frames, PREDICTED)
-    move_weakest(field, small, footage.taus, footage.size, rng, fresh)
+    move_weakest(field, footage.frames, footage.taus, footage.size, rng, fresh)
 
     effort, tuning = allowance.split(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began

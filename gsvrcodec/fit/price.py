@@ -9,11 +9,9 @@ from torch import Tensor
 from torch.nn.functional import avg_pool1d
 
 from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.field import Field, Tensors
+from gsvrcodec.fit.field import MOTION, Field, Tensors
 from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.quantise import Steps
-
-_MOTION = ("linear", "quadratic")
 
 
 class Price:
@@ -32,7 +30,7 @@ class Price:
 
     def __init__(self, steps: Steps, weight: float, device: str) -> None:
         self._weight = weight / math.log(2)
-        self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *_MOTION)}
+        self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *MOTION)}
         self._slopes: dict[str, Tensor] = {}
         self._added = 0
 
@@ -59,7 +57,7 @@ class Price:
                 continue
             value = field.raw[name]
             columns = value.reshape(len(value), -1)
-            if name in _MOTION:
+            if name in MOTION:
                 slope = PRICE.motion * _slope(columns - _usual(columns), step)
             else:
                 slope = self._of_look(field, name, columns, step)

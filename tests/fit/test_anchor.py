@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.gop import Gop
@@ -16,35 +14,15 @@ from gsvrcodec.model.prediction import (
     CHANGED,
     MOVED,
     Carried,
-    Look,
     carry_over,
-    last_look,
     start_of_motion,
 )
 from gsvrcodec.model.static import select_gaussians
-from tests import making
+from tests.fit.anchored import FRAMES, example
 from tests.fit.synthetic import BACKEND, assert_gradients_of_the_reference
 from tests.gops import make_gop
 
 SIZE = (37, 26)
-FRAMES = 5
-
-
-def small(gaussians: int, seed: int) -> Gop:
-    """Changes and motions of usual size."""
-    gop = making.random_gop(np.random.default_rng(seed), gaussians)
-    return replace(gop, **{name: 0.1 * getattr(gop, name) for name in LOOK})
-
-
-def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
-    """A reference of FRAMES frames, an anchor of some of its Gaussians, and stored values."""
-    reference = make_gop(30, (4, 3, 5), seed=2)
-    source = np.sort(np.random.default_rng(3).permutation(30)[:carried])
-    none = Look(*(np.zeros((new, *s), np.float32) for s in ((2,), (2,), (), (3,), ())))
-    look = last_look(reference, FRAMES)[source]
-    look = Look(*(np.concatenate([getattr(a, n) for a in (look, none)]) for n in LOOK))
-    anchor = Anchor(start_of_motion(FRAMES), look, np.append(source, np.full(new, -1)))
-    return reference, anchor, small(carried + new, 4)
 
 
 class TestGop:
@@ -212,3 +190,15 @@ class TestField:
         drawn = field.gop().log_opacity
         np.testing.assert_allclose(drawn[::2], OPACITY.most, atol=1e-5)
         np.testing.assert_allclose(drawn[1::2], -OPACITY.most, atol=1e-5)
+
+    def test_opacities_of_the_reference_may_lie_beyond_the_bounds(self) -> None:
+        """To take them back would be a change, which has to be paid for."""
+        _, anchor, stored = example()
+        anchor.look.log_opacity[:4] = [8, 8, -8, -8]
+        stored.log_opacity[:4] = [0, 0.5, 0, -0.5]
+        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        field.limit()
+        np.testing.assert_array_equal(field.raw["log_opacity"][:4], [0, 0, 0, 0])
+        field.raw["log_opacity"][0] -= 1
+        field.limit()
+        assert field.raw["log_opacity"][0] == -1

@@ -11,8 +11,8 @@ from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.optimise import Adam
 from gsvrcodec.fit.pace import paces
 from gsvrcodec.fit.recipe import MAIN, PAPER, PREDICTED
+from tests.fit.anchored import CARRIED, key, predicted
 from tests.fit.synthetic import BACKEND
-from tests.fit.test_price import CARRIED, key, predicted
 
 SIZE = (200, 100)
 

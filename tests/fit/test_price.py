@@ -11,29 +11,15 @@ import torch
 
 from gsvrcodec.fit.anchor import LOOK
 from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.options import Deform
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array
-from tests import making
+from tests.fit.anchored import CARRIED, key, predicted
 from tests.fit.synthetic import BACKEND
-from tests.fit.test_anchor import example
 
 WEIGHT = 0.003
 STEPS = {a.name: (0.01 * (1 + a.id),) * a.components for a in ATTRIBUTES}
-#: Of the example: the others are new.
-CARRIED = 20
-
-
-def predicted(deform: Deform = "hybrid") -> Field:
-    _, anchor, stored = example(CARRIED)
-    return Field(stored, deform, BACKEND, anchor=anchor)
-
-
-def key() -> Field:
-    gop = making.random_gop(np.random.default_rng(1), 28)
-    return Field(gop, "hybrid", BACKEND)
 
 
 def prices(field: Field) -> dict[str, Float32Array]:

@@ -14,8 +14,8 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, static_gop
 from gsvrcodec.render.native import NativeBackend
 from tests import making
+from tests.fit.anchored import example
 from tests.fit.synthetic import BACKEND, footage, times
-from tests.fit.test_anchor import example
 
 SIZE = (96, 64)
 

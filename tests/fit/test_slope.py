@@ -23,6 +23,12 @@ class TestNumber:
         lasting = Slope(2.0, 10**9, lasting=3.0).gaussians(10**6, 40.0, 500)
         assert lasting == pytest.approx(3 * alone, abs=2)
 
+    def test_finer_steps_where_others_build_on_them(self) -> None:
+        alone, lasting = Slope(2.0, 10), Slope(2.0, 10, lasting=3.0)
+        assert alone.stored_qscale == alone.qscale == lasting.qscale == 2.0
+        # At least as coarse as where each bit of the steps saves `lasting` times as much.
+        assert 2.0 / 3**0.5 <= lasting.stored_qscale < 0.9 * 2.0
+
     def test_more_in_a_long_fit(self) -> None:
         short, long = (Slope(2.0, 10**9).gaussians(10**6, 40.0, steps) for steps in (200, 6400))
         assert long == pytest.approx(32**SLOPE.growth * short, abs=2)

@@ -20,8 +20,8 @@ from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Steps, dequantised
 from gsvrcodec.render import render_frames
+from tests.fit.anchored import example
 from tests.fit.synthetic import BACKEND, footage, moving_texture, times
-from tests.fit.test_anchor import example
 
 SIZE = (96, 64)
 COARSE = {"position": 0.004, "log_scale": 0.1, "rotation": np.pi / 40, "colour": 0.02}

@@ -1,0 +1,47 @@
+"""A predicted GOP and a key GOP of a few Gaussians, which the tests of fitting share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.options import Deform
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.prediction import Look, last_look, start_of_motion
+from tests import making
+from tests.fit.synthetic import BACKEND
+from tests.gops import make_gop
+
+FRAMES = 5  #: of the reference
+#: Of the example: the others are new.
+CARRIED = 20
+
+
+def small(gaussians: int, seed: int) -> Gop:
+    """Changes and motions of usual size."""
+    gop = making.random_gop(np.random.default_rng(seed), gaussians)
+    return replace(gop, **{name: 0.1 * getattr(gop, name) for name in LOOK})
+
+
+def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
+    """A reference of FRAMES frames, an anchor of some of its Gaussians, and stored values."""
+    reference = make_gop(30, (4, 3, 5), seed=2)
+    source = np.sort(np.random.default_rng(3).permutation(30)[:carried])
+    none = Look(*(np.zeros((new, *s), np.float32) for s in ((2,), (2,), (), (3,), ())))
+    look = last_look(reference, FRAMES)[source]
+    look = Look(*(np.concatenate([getattr(a, n) for a in (look, none)]) for n in LOOK))
+    anchor = Anchor(start_of_motion(FRAMES), look, np.append(source, np.full(new, -1)))
+    return reference, anchor, small(carried + new, 4)
+
+
+def predicted(deform: Deform = "hybrid") -> Field:
+    _, anchor, stored = example(CARRIED)
+    return Field(stored, deform, BACKEND, anchor=anchor)
+
+
+def key() -> Field:
+    gop = making.random_gop(np.random.default_rng(1), 28)
+    return Field(gop, "hybrid", BACKEND)
