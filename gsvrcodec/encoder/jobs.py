@@ -35,7 +35,7 @@ from gsvrcodec.fit.rate_control import (
     quantise_to_psnr,
     quantise_to_size,
 )
-from gsvrcodec.fit.tuned import EFFORT, PREDICTION, RATE_CONTROL
+from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.prediction import last_look
 from gsvrcodec.model.quantise import Precision
@@ -151,7 +151,6 @@ def encode_gop(job: GopJob) -> EncodedGop:
         look = last_look(reference.gop, reference.frames)
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
         start = predicted.Reference(look, shown, qscale, reference.psnr)
-        sized = budget.target_bytes is not None
         return fit_predicted(
             footage,
             start,
@@ -161,7 +160,6 @@ def encode_gop(job: GopJob) -> EncodedGop:
             allowance(budget.gaussians),
             backend,
             seed=job.seed,
-            kept_bits=PREDICTION.kept_bits_sized if sized else PREDICTION.kept_bits,
         )
 
     def pack(

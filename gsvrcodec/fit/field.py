@@ -153,9 +153,10 @@ class Field:
             self.raw["position"].add_(power * carried * (self.raw[name] - before[name]))
 
     def limit(self) -> None:
-        """Bound the opacities by `OPACITY.most`, in place.
+        """Bound the opacities that are drawn by `OPACITY.most`, in place.
 
-        An opacity that the reference leaves beyond it may stay there, which is no change.
+        Those of the reference too, which the tri-plane may have raised: nothing new could hide
+        them.
         """
         if "log_opacity" not in self.raw:
             return
@@ -164,7 +165,7 @@ class Field:
             value.clamp_(-most, most)
         else:
             before = self._anchored["log_opacity"]
-            value.clamp_((-most - before).clamp_(max=0), (most - before).clamp_(min=0))
+            value.clamp_(-most - before, most - before)
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""

@@ -51,7 +51,6 @@ def fit_predicted(
     backend: Backend,
     *,
     seed: tuple[int, ...],
-    kept_bits: float = PREDICTION.kept_bits,
 ) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
 
@@ -69,7 +68,6 @@ def fit_predicted(
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
-        kept_bits: a Gaussian is kept if its change is worth less than so many.
 
     Returns:
         The fit; None if the frames cannot be predicted from the reference.
@@ -81,7 +79,7 @@ def fit_predicted(
     look = reference.look[there]
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
-    stays = worth < _least_worth(worth, kept_bits * bit, allowance.gaussians)
+    stays = worth < _least_worth(worth, PREDICTION.kept_bits * bit, allowance.gaussians)
     extra = gaussians - len(there)
     if stays.all() and extra <= 0:
         stays[worth.argmax()] = False  # something has to be fitted

@@ -72,7 +72,6 @@ def quantise_in_stages(
             gradients = field.gradients(tensors, tau, targets[index], size, behind)
             field.hold(gradients)
             adam.step(gradients, STAGED.rates * (1 - spent), tensors)
-            field.limit()
             effort.advance()
         gop = field.stored()
     return gop

@@ -72,7 +72,6 @@ def predicted(
     gaussians: int = GAUSSIANS,
     allowance: Allowance | None = None,
     seed: int = 0,
-    kept_bits: float = PREDICTION.kept_bits,
 ) -> Fit:
     chosen = options or FitOptions()
     fit = fit_predicted(
@@ -84,7 +83,6 @@ def predicted(
         allowance or Allowance(150, None),
         BACKEND,
         seed=(seed, 4),
-        kept_bits=kept_bits,
     )
     assert fit is not None
     return fit
@@ -104,10 +102,11 @@ def inside(position: Float32Array, left: float, top: float, side: float) -> np.n
 
 
 def test_more_are_kept_where_changes_have_to_be_worth_more(key: Key) -> None:
-    kept = [
-        int(parts(predicted(key, film(news=True), kept_bits=bits))[0].sum())
-        for bits in (1.0, 160.0, 1e6)
-    ]
+    usual = key.reference.qscale
+    kept = []
+    for qscale in (0.1 * usual, usual, 100 * usual):
+        coarse = replace(key, reference=replace(key.reference, qscale=qscale))
+        kept.append(int(parts(predicted(coarse, film(news=True)))[0].sum()))
     assert kept[0] < kept[1] < kept[2]
 
 
