@@ -39,7 +39,7 @@ def main(args: Sequence[str] | None = None) -> int:
     default="",
     metavar="NAMES",
     help="Also encode the source with x264, x265, svtav1, separated by commas; a name may be "
-    "followed by :key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=source.",
+    "followed by :key=N, :key=same, :intra, :preset=NAME, :tune=NAME or :input=rgb.",
 )
 @click.option(
     "--json", "json_path", metavar="FILE", help="Write the report as JSON; - = standard output."

@@ -139,17 +139,12 @@ def open_part(
     video = open_video(
         src,
         crop=_recorded_crop(meta) if crop is None else crop,
-        start_frame=first_frame(meta, start_frame),
+        start_frame=_recorded_start(meta) if start_frame is None else start_frame,
         frames=meta.frames,
         **_recorded_reading(meta, by_time=start_frame is None),
     )
     _check_size(video, meta)
     return video
-
-
-def first_frame(meta: Metadata, start_frame: int | None) -> int:
-    """Return the first frame that was encoded: `start_frame`, or by the settings in the file."""
-    return _recorded_start(meta) if start_frame is None else start_frame
 
 
 def _check_size(video: VideoReader, meta: Metadata) -> None:

@@ -70,8 +70,8 @@ class Reference:
     #: frames between key frames; None = encoder's choice, "same" = mean length of our GOPs
     key: int | Literal["same"] | None = None
     tune: str | None = None  #: tuning of the encoder; None = encoder's default
-    #: input of the encoder: the RGB pictures that are compared, or the source's own YCbCr
-    input: Literal["rgb", "source"] = "rgb"
+    #: input of the encoder: the source's own YCbCr where it has such, or the RGB that is compared
+    input: Literal["source", "rgb"] = "source"
 
     @property
     def label(self) -> str:
@@ -81,8 +81,8 @@ class Reference:
             words.append(f"tune {self.tune}")
         if self.key is not None:
             words.append("all intra" if self.key == 1 else f"key {self.key}")
-        if self.input == "source":
-            words.append("from YCbCr")
+        if self.input == "rgb":
+            words.append("from RGB")
         return " ".join(words)
 
 
@@ -150,12 +150,12 @@ def parse_reference(text: str) -> Reference:
             reference = replace(reference, preset=value)
         elif name == "tune" and value:
             reference = replace(reference, tune=value)
-        elif setting == "input=source":
-            reference = replace(reference, input="source")
+        elif setting == "input=rgb":
+            reference = replace(reference, input="rgb")
         else:
             raise UsageError(
                 f"{text}: {setting!r} is none of intra, key=N, key=same, "
-                "preset=NAME, tune=NAME, input=source"
+                "preset=NAME, tune=NAME, input=rgb"
             )
     return reference
 
@@ -163,7 +163,6 @@ def parse_reference(text: str) -> Reference:
 def measure(
     reference: Reference,
     video: VideoReader,
-    start: int,
     frames: int,
     *,
     crfs: Sequence[int] | None = None,
@@ -175,7 +174,6 @@ def measure(
     Args:
         reference: The encoder; `key` must be a number or None.
         video: The source.
-        start: Number of the first frame of `video` in the source.
         frames: Number of frames of `video`.
         crfs: CRF values, best quality first; None = the defaults of the encoder.
         threads: Threads of encoder and decoder; 0 = all cores.
@@ -191,7 +189,7 @@ def measure(
     for crf in ladder:
         began = time.perf_counter()
         stream = encode_stream(
-            source_frames(video.info, start, frames)
+            source_frames(video)
             if reference.input == "source"
             else ycbcr_frames((source.rgb for source in video), video.info),
             video.info,

@@ -14,7 +14,7 @@ from typing import Any
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.errors import UsageError
 from gsvrcodec.metrics import ms_ssim_db
-from gsvrcodec.report.compare import Report, first_frame, open_part, report
+from gsvrcodec.report.compare import Report, open_part, report
 from gsvrcodec.report.curve import BdRate, RateCurve
 from gsvrcodec.report.machine import cores, processor
 from gsvrcodec.report.reference import Curve, Reference, measure
@@ -127,13 +127,11 @@ def study(
     with open_gsvr(files[0]) as decoder:
         meta = decoder.metadata
     _check_same(reports)
-    video, start = open_part(src, meta, crop, start_frame), first_frame(meta, start_frame)
+    video = open_part(src, meta, crop, start_frame)
     gop = max(1, round(meta.frames / meta.gops))
     for reference in references:
         chosen = replace(reference, key=gop) if reference.key == "same" else reference
-        curves.append(
-            measure(chosen, video, start, meta.frames, threads=threads, progress=progress)
-        )
+        curves.append(measure(chosen, video, meta.frames, threads=threads, progress=progress))
     return Study(
         reports=tuple(reports),
         decode_fps=tuple(speeds),

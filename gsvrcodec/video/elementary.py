@@ -7,14 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
 
 import av
 import numpy as np
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.video.colour import Rgb, to_rgb, to_ycbcr, ycbcr_format
-from gsvrcodec.video.probe import VideoInfo, decoded, opened
+from gsvrcodec.video.probe import VideoInfo
+from gsvrcodec.video.read import VideoReader
 
 #: Pixel formats that are 8-bit YCbCr 4:2:0.
 _FOUR_TWO_ZERO = ("yuv420p", "yuvj420p")
@@ -133,22 +133,27 @@ def ycbcr_frames(pictures: Iterable[Rgb], info: VideoInfo) -> Iterator[av.VideoF
         yield to_ycbcr(rgb, pixel_format, info.colour)
 
 
-def source_frames(info: VideoInfo, start: int, count: int) -> Iterator[av.VideoFrame]:
-    """Yield `count` frames of a source from frame `start`, in their own YCbCr, cropped.
+def source_frames(video: VideoReader) -> Iterator[av.VideoFrame]:
+    """Yield the frames of a source for another encoder.
 
-    Raises:
-        UsageError: The frames are not 8-bit YCbCr 4:2:0, or the crop is odd.
+    They are the source's own samples where it has 8-bit YCbCr 4:2:0, an even crop, and no rotation
+    is applied to its pictures; otherwise its RGB pictures as `ycbcr_frames`.
     """
-    if info.pixel_format not in _FOUR_TWO_ZERO or any(
-        number % 2 for number in (info.width, info.height, info.crop_x, info.crop_y)
-    ):
-        raise UsageError(
-            f"input=source needs 8-bit YCbCr 4:2:0 and an even crop; {info.path} has "
-            f"{info.pixel_format} of {info.width}x{info.height} at {info.crop_x},{info.crop_y}"
-        )
-    with opened(info.path) as (container, stream):
-        for frame in islice(decoded(container, stream), start, start + count):
-            yield _cut(frame, info)
+    info = video.info
+    if has_own_samples(video):
+        return (_cut(frame, info) for frame in video.frames())
+    return ycbcr_frames((shot.rgb for shot in video), info)
+
+
+def has_own_samples(video: VideoReader) -> bool:
+    """Return whether `source_frames` are the samples that the source has stored."""
+    info = video.info
+    sides = (info.width, info.height, info.crop_x, info.crop_y)
+    return (
+        info.pixel_format in _FOUR_TWO_ZERO
+        and video.turned == (0, False)
+        and not any(side % 2 for side in sides)
+    )
 
 
 def _cut(frame: av.VideoFrame, info: VideoInfo) -> av.VideoFrame:

@@ -54,9 +54,9 @@ class VideoReader:
     ) -> None:
         """See `open_video`; `turned` is the rotation and mirroring to apply to the pictures."""
         self.info = info
+        self.turned = turned  #: clockwise rotation, and whether mirrored, of the pictures
         self._part = part
         self._rate = rate
-        self._turned = turned
         self._deinterlace = deinterlace
         self._closed = False
 
@@ -87,7 +87,16 @@ class VideoReader:
         """
         if self._closed:
             raise ValueError("the video is closed")
-        return self._chosen()
+        return (
+            SourceFrame(self._picture(frame, f"frame {number}"), pts, duration)
+            for frame, number, pts, duration in self._chosen()
+        )
+
+    def frames(self) -> Iterator[av.VideoFrame]:
+        """Yield the chosen frames as they are stored, not cropped; errors as of `iter()`."""
+        if self._closed:
+            raise ValueError("the video is closed")
+        return (frame for frame, *_ in self._chosen())
 
     @property
     def expected_frames(self) -> int | None:
@@ -139,26 +148,29 @@ class VideoReader:
             # An explicit rate overrides the durations of a raw stream.
             yield frame, timeline.place(frame.pts, frame.duration if self._rate is None else 0)
 
-    def _chosen(self) -> Iterator[SourceFrame]:
-        """Yield the chosen frames; each waits for the next frame's timestamp, its end."""
+    def _chosen(self) -> Iterator[tuple[av.VideoFrame, int, int, int]]:
+        """Yield the chosen frames, their numbers, timestamps and durations, ticks.
+
+        Each waits for the next frame's timestamp, its end.
+        """
         info, part = self.info, self._part
-        held: tuple[Rgb, int] | None = None
+        held: tuple[av.VideoFrame, int, int] | None = None
         count = given = 0
         with opened(info.path, self._rate) as (container, stream):
             timeline = self._timeline(stream)
             for frame, pts in self._placed(container, stream, timeline):
                 if held is not None:
-                    yield SourceFrame(*held, duration=pts - held[1])
+                    yield *held, pts - held[2]
                     held = None
                 if part.starts(count, pts, info.time_base):
                     if part.ends(given, pts, info.time_base):
                         break
-                    held = self._picture(frame, f"frame {count}"), pts
+                    held = frame, count, pts
                     given += 1
                 count += 1
             else:
                 if held is not None:
-                    yield SourceFrame(*held, duration=timeline.last_duration())
+                    yield *held, timeline.last_duration()
                 if info.duration is not None and info.duration - timeline.length > _MISSING:
                     _log.warning(
                         "%s is cut short: %.2f s of %.2f s could be read",
@@ -174,7 +186,7 @@ class VideoReader:
     def _picture(self, frame: av.VideoFrame, where: str) -> Rgb:
         """Return the cropped picture of a frame; `where` is its name in messages."""
         info = self.info
-        size = (frame.height, frame.width) if self._turned[0] % 180 else (frame.width, frame.height)
+        size = (frame.height, frame.width) if self.turned[0] % 180 else (frame.width, frame.height)
         if size != (info.source_width, info.source_height):
             raise UnsupportedError(
                 f"{info.path}: the picture size changes from "
@@ -182,7 +194,7 @@ class VideoReader:
                 f"at {where}"
             )
         rows = slice(info.crop_y, info.crop_y + info.height)
-        rgb = upright(to_rgb(frame), *self._turned)
+        rgb = upright(to_rgb(frame), *self.turned)
         return rgb[rows, info.crop_x : info.crop_x + info.width]
 
 

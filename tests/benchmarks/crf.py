@@ -77,7 +77,7 @@ def measured(
     """Yield a clip at each number."""
     common = pictures_of(clip, frames)
     with open_video(clip, **reading_options(common)) as video:
-        footage = Footage(video.info, tuple(shot.rgb for shot in video))
+        footage = Footage.of(video)
     for number in numbers:
         row = measure("crf", clip, folder / "a.gsvr", {"crf": number}, common | added)
         other = x264.encode(footage, folder / "a.mp4", number)

@@ -7,13 +7,16 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
+from typing import Self
 
+import av
 import numpy as np
 
 import gsvrcodec
 from gsvrcodec.metrics import psnr
 from gsvrcodec.report.compare import open_part
-from gsvrcodec.video import Rgb, VideoInfo
+from gsvrcodec.video import Rgb, VideoInfo, VideoReader
+from gsvrcodec.video.elementary import source_frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +25,14 @@ class Footage:
 
     info: VideoInfo  #: the source
     pictures: tuple[Rgb, ...]  #: (H, W, 3) uint8 each
+    #: the frames as other encoders get them; none = made of the pictures
+    samples: tuple[av.VideoFrame, ...] = ()
+
+    @classmethod
+    def of(cls, video: VideoReader) -> Self:
+        """Read all of a video."""
+        pictures = tuple(shot.rgb for shot in video)
+        return cls(video.info, pictures, tuple(source_frames(video)))
 
     @property
     def pixels(self) -> int:
@@ -69,7 +80,7 @@ def read(source: Path, file: Path, frames: int | None = None) -> tuple[Footage, 
         meta = decoder.metadata
     count = min(frames or meta.frames, meta.frames)
     with open_part(source, replace(meta, frames=count), None, None) as video:
-        footage = Footage(video.info, tuple(shot.rgb for shot in video))
+        footage = Footage.of(video)
     if len(footage.pictures) < count:
         raise gsvrcodec.UsageError(
             f"{source} ends after {len(footage.pictures)} of the {count} frames of {file}"

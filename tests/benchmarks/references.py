@@ -25,7 +25,7 @@ CROP = (1280, 640, None, None)
 
 #: As people use them; with the random access of ours, and better; and where they are best.
 NAMES = (
-    *("x264", "x264:key=12", "x264:intra", "x264:tune=psnr", "x264:input=source"),
+    *("x264", "x264:key=12", "x264:intra", "x264:tune=psnr", "x264:input=rgb"),
     *("x265", "x265:key=12", "x265:intra"),
     *("svtav1", "svtav1:key=12", "svtav1:intra", "svtav1:preset=4"),
 )
@@ -50,7 +50,7 @@ def main(
     with open_video(source, crop, frames=frames) as video:
         count = sum(1 for _ in video)
         for name in against.split(","):
-            curve = measure(parse_reference(name), video, 0, count)
+            curve = measure(parse_reference(name), video, count)
             curves.append(asdict(curve) | {"name": name})
             for point in curve.points:
                 quality = point.quality

@@ -72,7 +72,7 @@ class TestX264:
         found = x264.encode(footage, tmp_path / "a.mp4", 30, key)
         reference = parse_reference("x264" if key is None else f"x264:key={key}")
         with open_video(making.BUNNY_SMALL, (160, 96, 20, 30), 2, 12) as video:
-            (expected,) = measure(reference, video, 2, 12, crfs=[30]).points
+            (expected,) = measure(reference, video, 12, crfs=[30]).points
         assert found.psnr == pytest.approx(expected.quality.psnr_rgb)
         # The parameter sets stand in the container.
         assert 0 < 8 * (expected.bpp - found.bpp) * footage.pixels / 64 < 60 * expected.key_frames

@@ -56,7 +56,7 @@ def encode(footage: Footage, path: Path, crf: float, key: int | None = None) -> 
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=rate, options=options)
         stream.width, stream.height = info.width, info.height
-        for number, frame in enumerate(ycbcr_frames(footage.pictures, info)):
+        for number, frame in enumerate(footage.samples or ycbcr_frames(footage.pictures, info)):
             if number == 0:
                 stream.pix_fmt = frame.format.name
                 context = stream.codec_context

@@ -9,7 +9,9 @@ from dataclasses import replace
 from itertools import pairwise
 from math import log10
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from gsvrcodec.errors import UsageError
@@ -21,7 +23,12 @@ from gsvrcodec.report.reference import Curve, measure, parse_reference
 from gsvrcodec.report.study import Study, study
 from gsvrcodec.video import open_video
 from gsvrcodec.video.colour import to_rgb
-from gsvrcodec.video.elementary import encode_stream, source_frames, ycbcr_frames
+from gsvrcodec.video.elementary import (
+    encode_stream,
+    has_own_samples,
+    source_frames,
+    ycbcr_frames,
+)
 from tests import making
 
 CODECS = ("x264", "x265", "svtav1")
@@ -34,7 +41,7 @@ def curve_of(
     crfs: Sequence[int] | None = (16, 30, 45),
 ) -> Curve:
     with open_video(source, frames=frames) as video:
-        return measure(parse_reference(text), video, 0, frames, crfs=crfs, threads=1)
+        return measure(parse_reference(text), video, frames, crfs=crfs, threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +92,8 @@ class TestReferences:
         told: list[tuple[int, int]] = []
         with open_video(making.NOISE, frames=6) as video:
             curve = measure(
-                parse_reference("x264"),
+                parse_reference("x264:input=rgb"),
                 video,
-                0,
                 6,
                 crfs=[24, 40],
                 threads=1,
@@ -120,29 +126,49 @@ class TestReferences:
         with open_video(making.NOISE, (16, 16, 0, 0), frames=2) as video:
             chosen = parse_reference("svtav1:preset=99")
             with pytest.raises(UsageError, match=r"libsvtav1 refuses pictures of 16x16"):
-                measure(chosen, video, 0, 2)
+                measure(chosen, video, 2)
 
 
 class TestSourceFrames:
     def test_they_are_what_the_reader_converts(self) -> None:
         crop = (64, 48, 10, 20)
         with open_video(making.NOISE, crop, 3, 2) as video:
+            assert has_own_samples(video)
             shots = [shot.rgb for shot in video]
-            frames = list(source_frames(video.info, 3, 2))
+            frames = list(source_frames(video))
         inner = slice(4, -4)  # swscale looks at chroma beyond the crop's edge
         for shot, frame in zip(shots, frames, strict=True):
             assert frame.format.name == "yuv420p"
             rgb = to_rgb(frame)
             assert PictureQuality.of(shot[inner, inner], rgb[inner, inner]).psnr_rgb > 60
 
+    def test_frames_are_chosen_by_time_too(self) -> None:
+        with open_video(making.NOISE, start_seconds=0.2, stop_seconds=0.4) as video:
+            shots = [shot.rgb for shot in video]
+            frames = [to_rgb(frame) for frame in source_frames(video)]
+        np.testing.assert_array_equal(frames, shots)
+
     def test_the_source_itself_is_the_better_input(self) -> None:
-        ours, own = (curve_of(f"x264{text}", crfs=[16]).points[0] for text in ("", ":input=source"))
+        own, ours = (curve_of(f"x264{text}", crfs=[16]).points[0] for text in ("", ":input=rgb"))
         assert own.quality.psnr_rgb > ours.quality.psnr_rgb + 0.3
 
-    @pytest.mark.parametrize("source", [making.ODD, making.TEN_BIT])
-    def test_other_formats_fail(self, source: Path) -> None:
-        with pytest.raises(UsageError, match=r"input=source needs 8-bit YCbCr 4:2:0"):
-            curve_of("x264:input=source", source, 2)
+    @pytest.mark.parametrize(
+        ("source", "options"),
+        [
+            (making.ODD, {}),
+            (making.TEN_BIT, {}),
+            (making.NOISE, {"crop": (64, 48, 3, 0)}),
+            (making.VFR_ROTATED, {"bake_rotation": True}),
+        ],
+    )
+    def test_other_pictures_are_converted(self, source: Path, options: dict[str, Any]) -> None:
+        with open_video(source, frames=2, **options) as video:
+            assert not has_own_samples(video)
+            shots = [shot.rgb for shot in video]
+            frames = [to_rgb(frame) for frame in source_frames(video)]
+        for shot, frame in zip(shots, frames, strict=True):
+            assert shot.shape == frame.shape
+            assert psnr(shot, frame) > 30
 
 
 class TestNames:
@@ -152,7 +178,7 @@ class TestNames:
             ("x264", "x264 medium"),
             ("x265:key=12", "x265 medium key 12"),
             ("svtav1:preset=4:intra", "SVT-AV1 4 all intra"),
-            ("x264:tune=psnr:input=source", "x264 medium tune psnr from YCbCr"),
+            ("x264:tune=psnr:input=rgb", "x264 medium tune psnr from RGB"),
             ("x264:key=same", "x264 medium key same"),
         ],
     )
