@@ -1,6 +1,6 @@
 """Hostile bytes, guided by coverage: `python -m tests.fuzz_guided TARGET --seconds 300`.
 
-Needs atheris, and clang's libFuzzer in it. It starts from `tests/corpus/TARGET` and the sound
+Needs atheris, and clang's libFuzzer in it. It starts from `tests/corpus/TARGET.zip` and the sound
 inputs of `tests.fuzz_targets`, ends with an error at the first input that is not refused properly,
 that takes too long or too much memory, and keeps it as `crash-...`. What it found is minimised and
 replaces the corpus.
@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import shutil
 import subprocess
 import sys
 import tempfile
+import zipfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -31,26 +32,40 @@ def main() -> None:
     if options.fuzz is not None:
         fuzz(options.target, options.fuzz)
         return
-    kept = CORPUS / options.target
-    kept.mkdir(parents=True, exist_ok=True)
+    from tests import fuzz_targets
+
     with tempfile.TemporaryDirectory() as folder:
-        found, least = Path(folder) / "found", Path(folder) / "least"
-        for path in (found, least):
+        kept, found, least = (Path(folder) / name for name in ("kept", "found", "least"))
+        for path in (kept, found, least):
             path.mkdir()
-        write_seeds(options.target, found)
+        write(kept, kept_inputs(options.target))
+        write(found, fuzz_targets.seeds(options.target))
         again = (sys.executable, "-m", "tests.fuzz_guided", options.target, "--fuzz", *FLAGS)
         time = f"-max_total_time={options.seconds}"
         subprocess.run([*again, time, str(found), str(kept)], check=True)
         subprocess.run([*again, "-merge=1", str(least), str(found), str(kept)], check=True)
-        shutil.rmtree(kept)
-        shutil.copytree(least, kept)
+        keep(options.target, least)
 
 
-def write_seeds(target: str, folder: Path) -> None:
-    """Write the sound inputs of a target."""
-    from tests import fuzz_targets
+def kept_inputs(target: str) -> Iterator[bytes]:
+    """Yield the inputs that were found for a target."""
+    path = CORPUS / f"{target}.zip"
+    if path.exists():
+        with zipfile.ZipFile(path) as archive:
+            yield from map(archive.read, archive.namelist())
 
-    for number, data in enumerate(fuzz_targets.seeds(target)):
+
+def keep(target: str, folder: Path) -> None:
+    """Put the inputs of a folder in place of those that were found before."""
+    with zipfile.ZipFile(CORPUS / f"{target}.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.iterdir()):
+            # Without a time, so that the same inputs are the same archive.
+            archive.writestr(zipfile.ZipInfo(path.name), path.read_bytes(), zipfile.ZIP_DEFLATED)
+
+
+def write(folder: Path, inputs: Iterable[bytes]) -> None:
+    """Write inputs as files."""
+    for number, data in enumerate(inputs):
         (folder / str(number)).write_bytes(data)
 
 

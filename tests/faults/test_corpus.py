@@ -8,7 +8,7 @@ import pytest
 
 from gsvrcodec.errors import GsvrError
 from tests import fuzz, fuzz_targets, memory
-from tests.fuzz_guided import CORPUS
+from tests.fuzz_guided import kept_inputs
 
 #: Most memory that an input may take, bytes: what a plane of the limit takes, several times.
 MOST = 2**27
@@ -17,7 +17,7 @@ MOST = 2**27
 @pytest.mark.parametrize("target", fuzz_targets.TARGETS)
 def test_every_input_is_refused_or_taken_in_little_time_and_memory(target: str) -> None:
     run = fuzz_targets.TARGETS[target]
-    inputs = [path.read_bytes() for path in sorted((CORPUS / target).iterdir())]
+    inputs = list(kept_inputs(target))
     assert len(inputs) > 3
     with memory.at_most(MOST):
         for data in inputs:
