@@ -1,23 +1,31 @@
 /** Which Gaussians move against the camera: the layers of gsvrcodec's decoder. */
 
-import { LINEAR, SLOTS } from "./attributes.js";
+import { LINEAR, LOG_SCALE, SLOTS } from "./attributes.js";
 
 /** Least way of a moving Gaussian against the median motion, in longer sides of the frame. */
 export const LEAST_WAY = 1 / 160;
 
-function median(values) {
-  const sorted = values.slice().sort();
-  const middle = sorted.length >> 1;
-  return sorted.length % 2 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
+/** The weighted median: the least value that half of the weights reach. */
+function median(values, weights) {
+  const order = Uint32Array.from(values.keys()).sort((one, other) => values[one] - values[other]);
+  const half = weights.reduce((sum, weight) => sum + weight, 0) / 2;
+  let at = 0, reached = weights[order[0]];
+  while (reached < half) reached += weights[order[++at]];
+  return values[order[at]];
 }
 
-/** Return 1 for each Gaussian whose polynomial takes it away from the median motion, else 0. */
+/**
+ * Return 1 for each Gaussian whose polynomial takes it away from the median motion, else 0. The
+ * motion of half of the area is taken for that of the camera.
+ */
 export function findMoving(gaussians, width, height) {
   const count = gaussians.length / SLOTS;
+  const areas = Float64Array.from({ length: count }, (_, n) =>
+    Math.exp(gaussians[n * SLOTS + LOG_SCALE] + gaussians[n * SLOTS + LOG_SCALE + 1]));
   const [linearX, linearY, quadraticX, quadraticY] = [0, 1, 2, 3].map((part) => {
     const values = new Float32Array(count);
     for (let n = 0; n < count; n++) values[n] = gaussians[n * SLOTS + LINEAR + part];
-    const camera = count ? median(values) : 0;
+    const camera = count ? median(values, areas) : 0;
     const half = (part % 2 ? height : width) / 2;
     return values.map((value) => (value - camera) * half);
   });

@@ -51,6 +51,14 @@ def test_dynamic_is_what_leaves_the_common_motion(gop: Gop, camera: float) -> No
     assert np.array_equal(select_layers(gop, "dynamic", SIZE).position, gop.position[[0, 2, 4]])
 
 
+def test_the_camera_is_what_most_of_the_area_does(gop: Gop) -> None:
+    """A wall has few and large Gaussians, what moves before it has many and small ones."""
+    gop.linear[:], gop.quadratic[:] = 0.2, 0
+    gop.log_scale[:] = 0
+    gop.linear[:20], gop.log_scale[:20] = 0, 2
+    assert np.array_equal(select_layers(gop, "static", SIZE).position, gop.position[:20])
+
+
 @pytest.mark.parametrize("blending", get_args(Blending))
 @pytest.mark.parametrize("tau", [-1.0, 0.3])
 def test_sums_add_up(gop: Gop, tau: float, blending: Blending) -> None:
