@@ -20,20 +20,28 @@ if TYPE_CHECKING:
     from gsvrcodec import errors
     from gsvrcodec.dataset import ClipDataset
     from gsvrcodec.decoder.decoder import Decoder, open
-    from gsvrcodec.decoder.export import decode
+    from gsvrcodec.decoder.export import DecodeResult, decode
     from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
-    from gsvrcodec.encoder.cluster import Cluster
     from gsvrcodec.encoder.encode import encode
+    from gsvrcodec.encoder.progress import Progress
+    from gsvrcodec.encoder.results import EncodeResult, GopStats
+    from gsvrcodec.encoder.run.dask import Cluster
+    from gsvrcodec.encoder.settings import EncodeSettings
     from gsvrcodec.limits import Limits
 
 __all__ = [
     "ClipDataset",
     "Cluster",
+    "DecodeResult",
     "Decoder",
+    "EncodeResult",
+    "EncodeSettings",
     "Frame",
     "FrameBatch",
+    "GopStats",
     "Limits",
     "Metadata",
+    "Progress",
     "__version__",
     "decode",
     "encode",
@@ -46,12 +54,17 @@ __version__ = "0.1.0"
 #: Module of each public name.
 _HOMES = {
     "ClipDataset": "gsvrcodec.dataset",
-    "Cluster": "gsvrcodec.encoder.cluster",
+    "Cluster": "gsvrcodec.encoder.run.dask",
+    "DecodeResult": "gsvrcodec.decoder.export",
     "Decoder": "gsvrcodec.decoder.decoder",
+    "EncodeResult": "gsvrcodec.encoder.results",
+    "EncodeSettings": "gsvrcodec.encoder.settings",
     "Frame": "gsvrcodec.decoder.frames",
     "FrameBatch": "gsvrcodec.decoder.frames",
+    "GopStats": "gsvrcodec.encoder.results",
     "Limits": "gsvrcodec.limits",
     "Metadata": "gsvrcodec.decoder.frames",
+    "Progress": "gsvrcodec.encoder.progress",
     "decode": "gsvrcodec.decoder.export",
     "encode": "gsvrcodec.encoder.encode",
     "open": "gsvrcodec.decoder.decoder",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import re
@@ -205,6 +204,10 @@ def lock(path: Path) -> BinaryIO:
 
 def _locked(file: BinaryIO) -> bool:
     """Lock a file until it is closed or the process ends; False = another process has the lock."""
+    try:
+        import fcntl
+    except ImportError:  # a system without such locks
+        return True
     try:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

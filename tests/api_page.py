@@ -62,9 +62,9 @@ _TYPES = {
     "Policy": "gsvrcodec.dataset",
     "Preset": "gsvrcodec.encoder.settings",
     "Pack": "gsvrcodec.encoder.settings",
-    "Profile": "gsvrcodec.fit.options",
-    "Deform": "gsvrcodec.fit.options",
-    "Flow": "gsvrcodec.fit.options",
+    "Profile": "gsvrcodec.fit.recipe",
+    "Deform": "gsvrcodec.fit.recipe",
+    "Flow": "gsvrcodec.fit.recipe",
 }
 
 #: Special methods that are part of what a class is used by, and how.

@@ -15,6 +15,7 @@ from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import triplane_channels
 from gsvrcodec.model.gop import Float32Array, Gop
@@ -145,6 +146,25 @@ def make_carried(mode: Modes, seed: int = 0, blending: Blending = "mean") -> Car
     )
 
 
+def encoded(
+    frames: range,
+    payload: bytes,
+    *,
+    psnr: float = 30.0,
+    float_psnr: float = 31.0,
+    qscale: float | None = 1.5,
+) -> EncodedGop:
+    """Return a payload as a finished job does."""
+    return EncodedGop(
+        frames=frames,
+        psnr=psnr,
+        float_psnr=float_psnr,
+        seconds=1.0,
+        qscale=qscale,
+        payload=payload,
+    )
+
+
 def make_chain(
     frames: Sequence[int] = (3, 2, 1, 4),
     gaussians: int = 30,
@@ -237,3 +257,13 @@ def assert_gops_equal(left: Gop, right: Gop) -> None:
     """Both hold the same values, bit for bit."""
     for field in fields(Gop):
         np.testing.assert_array_equal(getattr(left, field.name), getattr(right, field.name))
+
+
+def moved(payload: bytes, gop: int, frames: int) -> bytes:
+    """The payload of a GOP of so many frames as the `gop`th of a film."""
+    changed = bytearray(payload)
+    changed[0:8] = (frames * gop).to_bytes(8, "little")
+    for offset in (16, 24):
+        pts = int.from_bytes(payload[offset : offset + 8], "little") + 40 * frames * gop
+        changed[offset : offset + 8] = pts.to_bytes(8, "little")
+    return bytes(changed)

@@ -24,7 +24,7 @@ from gsvrcodec.cli.common import (
 from gsvrcodec.cli.groups import GroupedCommand
 from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
 from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeSettings, Pack, Preset
-from gsvrcodec.fit.options import Deform, Flow, Profile
+from gsvrcodec.fit.recipe import Deform, Flow, Profile
 
 _DEFAULTS = EncodeSettings()
 
@@ -195,7 +195,7 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=1),
     default=_DEFAULTS.gop_max,
     metavar="N",
-    help="Longest adaptive GOP, frames; by default 16, without prediction 32 to 128.",
+    help="Longest adaptive GOP, frames; by default 24 to 127, without prediction 32 to 128.",
 )
 @click.option(
     "--keyint",
@@ -318,8 +318,8 @@ def command(
         open_video(source, **reading_options(settings)).close()
 
     from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
-    from gsvrcodec.encoder.cluster import Cluster
     from gsvrcodec.encoder.encode import encode
+    from gsvrcodec.encoder.run.dask import Cluster
 
     as_json = EncodeJson() if progress == "json" else None
     shown = as_json or EncodeDisplay(quiet=quiet or progress == "none")

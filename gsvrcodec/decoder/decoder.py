@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import operator
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import groupby, islice, zip_longest
@@ -12,6 +13,7 @@ from typing import Self, overload
 
 import numpy as np
 
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.bitstream.tags import StreamTags
 from gsvrcodec.decoder.frames import Frame, FrameBatch, Metadata
@@ -31,54 +33,25 @@ _BATCH_BYTES = 32 * 2**20
 
 
 class Decoder:
-    """The frames of a .gsvr file. Thread-safe.
+    """The frames of a .gsvr file, as `open` returns it. Thread-safe.
 
     Of a pipe, `frames` yields what comes; all that needs to know its end waits for it.
     """
 
     def __init__(
         self,
-        source: Readable,
+        reader: GsvrReader,
+        gops: GopCache,
+        maker: PictureMaker,
+        limits: Limits,
         *,
-        size: RequestedSize | None = None,
-        layers: Layers = "all",
-        bit_depth: int | None = 8,
-        threads: int = 0,
-        device: str = "cpu",
-        arrays: bool = False,
-        tensors: bool = False,
-        planar: bool = False,
-        limits: Limits | None = None,
-        keep_going: bool = False,
+        keep_going: bool,
     ) -> None:
-        """Open a file; see `open`."""
-        if arrays and tensors:
-            raise UsageError("`arrays` and `tensors` exclude each other; give one")
-        device = choose_device(device)
-        self._limits = limits or Limits.from_environment()
-        self._gops = GopCache(
-            source, self._limits, lambda gop: self._maker.prepare(gop), ahead=threads != 1
-        )
-        self._reader = self._gops.reader
-        self._keep_going = keep_going
+        """Take the parts that `open` has put together."""
+        self._reader, self._gops, self._maker = reader, gops, maker
+        self._limits, self._keep_going = limits, keep_going
+        self._known = Metadata.of(reader)
         self.lost_frames = 0  #: pictures left out by iteration with `keep_going`
-        try:
-            self._check_whole()
-            self._known = Metadata.of(self._reader)
-            if bit_depth is None:
-                bit_depth = 8 if self._known.bit_depth <= 8 else 10
-            self._maker = PictureMaker(
-                coded_size=self._coded_size,
-                size=picture_size(size, self._coded_size, self._limits),
-                layers=layers,
-                bit_depth=bit_depth,
-                backend=backend_on(device, threads, self._reader.header.blending),
-                tensors=tensors or (device != "cpu" and not arrays),
-                planar=planar,
-            )
-        except BaseException:
-            self._gops.close()
-            raise
 
     def __enter__(self) -> Self:
         """Return the decoder itself."""
@@ -123,7 +96,7 @@ class Decoder:
         """
         while (frames is None or self._reader.frames < frames) and self._reader.grow():
             pass
-        self._check_whole()
+        _check_whole(self._reader, keep_going=self._keep_going)
         return self._reader.frames
 
     @property
@@ -164,7 +137,11 @@ class Decoder:
         """Return frame `key`, from the end if negative, or the frames of a slice."""
         if isinstance(key, slice):
             return self.get_frames_at(range(*key.indices(len(self))))
-        return self.get_frame_at(key)
+        try:
+            number = operator.index(key)
+        except TypeError:
+            raise TypeError(f"a frame is a whole number or a slice, not {key!r}") from None
+        return self.get_frame_at(number)
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield all frames in order."""
@@ -281,7 +258,7 @@ class Decoder:
         self._gops.check_open()
         pixels = self.size
         if size is not None:
-            pixels = picture_size(size, self._coded_size, self._limits)
+            pixels = picture_size(size, self._maker.coded_size, self._limits)
         ticks = [self.metadata.shown(moment) for moment in seconds]
         data, start = self._maker.empty(len(ticks), pixels), 0
         for (position, between), group in groupby(ticks, self._place):
@@ -371,20 +348,6 @@ class Decoder:
         self.lost_frames += count
         _log.warning("%s are left out: %s", what, error)
 
-    @property
-    def _coded_size(self) -> tuple[int, int]:
-        """Width and height of the coded frame, pixels."""
-        return self._reader.header.width, self._reader.header.height
-
-    def _check_whole(self) -> None:
-        """Raise a CorruptError for a file that is cut short, unless `keep_going` is set."""
-        if self._reader.recovered and not self._keep_going:
-            found = sum(entry.frames for entry in self._reader.gops)
-            raise CorruptError(
-                f"the file is cut short or damaged: {self._reader.warnings[0]}; "
-                f"{found} frames were found, which `keep_going=True` decodes"
-            )
-
     def _number(self, index: int) -> int:
         """Return the frame number, from 0, for an index that may be negative."""
         number = index + len(self) if index < 0 else index
@@ -446,16 +409,38 @@ def open(
         UsageError: Size, bit depth, layers or device is invalid, or arguments exclude each other.
         DeviceError: The requested GPU is not usable.
     """
-    return Decoder(
-        source,
-        size=size,
-        layers=layers,
-        bit_depth=bit_depth,
-        threads=threads,
-        device=device,
-        arrays=arrays,
-        tensors=tensors,
-        planar=planar,
-        limits=limits,
-        keep_going=keep_going,
-    )
+    if arrays and tensors:
+        raise UsageError("`arrays` and `tensors` exclude each other; give one")
+    device = choose_device(device)
+    limits = limits or Limits.from_environment()
+    reader = GsvrReader(source, limits)
+    try:
+        _check_whole(reader, keep_going=keep_going)
+        header = reader.header
+        coded = header.width, header.height
+        if bit_depth is None:
+            bit_depth = 8 if header.bit_depth <= 8 else 10
+        maker = PictureMaker(
+            coded_size=coded,
+            size=picture_size(size, coded, limits),
+            layers=layers,
+            bit_depth=bit_depth,
+            backend=backend_on(device, threads, header.blending),
+            tensors=tensors or (device != "cpu" and not arrays),
+            planar=planar,
+        )
+        gops = GopCache(reader, limits, maker.prepare, ahead=threads != 1)
+        return Decoder(reader, gops, maker, limits, keep_going=keep_going)
+    except BaseException:
+        reader.close()
+        raise
+
+
+def _check_whole(reader: GsvrReader, *, keep_going: bool) -> None:
+    """Raise a CorruptError for a file that is cut short, unless `keep_going` is set."""
+    if reader.recovered and not keep_going:
+        found = sum(entry.frames for entry in reader.gops)
+        raise CorruptError(
+            f"the file is cut short or damaged: {reader.warnings[0]}; "
+            f"{found} frames were found, which `keep_going=True` decodes"
+        )

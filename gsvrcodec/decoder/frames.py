@@ -28,7 +28,9 @@ _TICK_TOLERANCE = Fraction(1, 10**6)
 class Frame:
     """One decoded picture."""
 
-    data: Codes  #: (H, W, 3) red, green, blue
+    #: (H, W, 3) red, green, blue: uint8, or uint16 of more than 8 bits; a NumPy array, or a torch
+    #: tensor if `open` was asked for them, and on a GPU
+    data: Codes
     index: int  #: frame number, from 0
     pts: int  #: presentation timestamp, ticks of the time base
     duration: int  #: display duration, ticks; 0 = not known
@@ -40,7 +42,7 @@ class Frame:
 class FrameBatch:
     """Several decoded pictures, in the requested order."""
 
-    data: Codes  #: (F, H, W, 3) red, green, blue
+    data: Codes  #: (F, H, W, 3) red, green, blue; types as of `Frame.data`
     index: NDArray[np.int64]  #: (F,) frame numbers, from 0
     pts: NDArray[np.int64]  #: (F,) presentation timestamps, ticks of the time base
     duration: NDArray[np.int64]  #: (F,) display durations, ticks; 0 = not known

@@ -16,7 +16,6 @@ import numpy as np
 from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
-from gsvrcodec.bitstream.source import Readable
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, Gop
 from gsvrcodec.model.pyramid import by_level
@@ -81,22 +80,21 @@ class GopCache:
 
     def __init__(
         self,
-        source: Readable,
-        limits: Limits | None,
+        reader: GsvrReader,
+        limits: Limits,
         prepare: Callable[[Gop], Prepared],
         *,
         ahead: bool = True,
     ) -> None:
-        """Open a file; call `prepare` once a GOP. Raises as `GsvrReader`.
+        """Take a file, which `close` closes; call `prepare` once a GOP.
 
         With `ahead`, a thread of the cache unpacks GOPs.
         """
-        self._limits = limits or Limits.from_environment()
-        self.reader = GsvrReader(source, self._limits)
+        self.reader = reader
         self._prepare = prepare
         self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
         self._most = _cached_gops(self.reader.header)
-        self._unpacker = GopUnpacker(self.reader, self._limits, self._most)
+        self._unpacker = GopUnpacker(reader, limits, self._most)
         self._ahead = ahead
         self._worker = ThreadPoolExecutor(1, "gsvr-unpack") if ahead else _AtOnce()
         self._lock = Lock()

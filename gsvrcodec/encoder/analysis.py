@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.encoder.tuned import ANALYSIS
-from gsvrcodec.fit.flow import FlowEstimator, FlowField, Image, lengths, resize
+from gsvrcodec.fit.motion import FlowEstimator, FlowField, Image, lengths, resize
 from gsvrcodec.fit.start import density
 
 

@@ -1,43 +1,36 @@
-"""A chain of GOPs: each but the first is predicted from the one before, as a decoder has it."""
+"""Chains of GOPs: each GOP but the first is predicted from the one before, as a decoder has it."""
 
 from __future__ import annotations
 
+import heapq
 import time
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import chain as joined
+from itertools import islice
 from statistics import fmean
 
 import numpy as np
 
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.bitstream.header import Header
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference
-from gsvrcodec.encoder.packed import PackedPictures, Pictures
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.film import Chain, Section
+from gsvrcodec.encoder.gop import GopJob, Reference, encode_gop
+from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.shared import SharedPictures
+from gsvrcodec.encoder.source import ChainFrames, ChainReader
 from gsvrcodec.encoder.tuned import CHAIN
+from gsvrcodec.errors import WorkerError
+from gsvrcodec.fit.target import Quality, Size
 from gsvrcodec.fit.tuned import RATE_CONTROL
+from gsvrcodec.fit.worth import Slope
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.time import Ticks
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChainFrames:
-    """The frames of a chain, by GOP."""
-
-    gops: Sequence[range]  #: numbers of the frames
-    #: (F, H, W, 3) RGB of each; emptied as they go
-    pictures: list[Pictures | PackedPictures | SharedPictures]
-    pts: list[Ticks]  #: (F,) ticks of each
-    durations: list[Ticks]  #: (F,) ticks of each
-
-    def take(self, number: int) -> Pictures:
-        """Return the pictures of a GOP, (F, H, W, 3), and let go of them."""
-        found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
-        return found if isinstance(found, np.ndarray) else found.unpacked()
+from gsvrcodec.versions import sources
 
 
 def chain_jobs(
@@ -58,11 +51,11 @@ def chain_jobs(
     """
     began = time.perf_counter()
     efforts = shared_efforts(list(map(len, chain.gops)))
-    state = _State(settings, sum(budget.target_bytes or 0 for budget in budgets))
+    state = _State(settings, sum(budget.bytes for budget in budgets))
     overruns: list[float] = []  # seconds that GOPs took beyond their time, to start and to pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
-            state.add(finished[number], gop, budget)
+            state.add(finished[number], budget)
             continue
         left = None
         if seconds is not None:
@@ -88,7 +81,7 @@ def chain_jobs(
         del job
         overruns.append(max(0.0, time.perf_counter() - asked - (left or 0.0)))
         if number + 1 < len(chain.gops):
-            state.add(result, gop, budget)
+            state.add(result, budget)
 
 
 def shared_efforts(lengths: Sequence[int]) -> list[float]:
@@ -105,19 +98,19 @@ def shared_efforts(lengths: Sequence[int]) -> list[float]:
 
 
 class _State:
-    """What a chain has come to: its last GOP as a decoder has it, and bytes left."""
+    """Last GOP of a chain as a decoder has it, and bytes that are left."""
 
-    def __init__(self, settings: EncodeSettings, target_bytes: int) -> None:
+    def __init__(self, settings: EncodeSettings, size: int) -> None:
         self._settings = settings
-        self._left = target_bytes
+        self._left = size
         self._spare = 0.0
         self.reference: Reference | None = None  #: of the next GOP
 
-    def add(self, result: EncodedGop, gop: range, budget: Budget) -> None:
+    def add(self, result: EncodedGop, budget: Budget) -> None:
         """Count a finished GOP, and take it for the reference of the next one."""
         self._left -= len(result.payload)
-        if budget.target_psnr is not None:
-            self._spare = result.float_psnr - budget.target_psnr - RATE_CONTROL.rounding_loss
+        if isinstance(budget.target, Quality):
+            self._spare = result.float_psnr - budget.target.psnr - RATE_CONTROL.rounding_loss
         if not self._settings.predicts or result.qscale is None:
             return
         content = unpack_gop(result.payload, _ANY, Limits())
@@ -125,23 +118,24 @@ class _State:
         whole = content.new
         if before is not None and content.carried is not None:
             whole = content.gop(before.gop, before.frames)
-        self.reference = Reference(whole, gop.start, len(gop), result.qscale, result.psnr)
+        self.reference = Reference(
+            whole, result.frames.start, len(result.frames), result.qscale, result.psnr
+        )
 
     def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:
         """Return a GOP's budget, by what is left for it and the `rest`, which begins with it."""
-        if planned.target_bytes is not None:
-            wanted = sum(budget.target_bytes or 0 for budget in rest)
-            share = max(self._left, 0) * planned.target_bytes / max(wanted, 1)
-            exact = len(rest) == 1
-            count = len(self.reference.gop) if self.reference else planned.gaussians
-            return replace(planned, gaussians=count, target_bytes=max(1, int(share)), exact=exact)
-        if planned.slope is not None and self.reference is not None:
-            return replace(planned, gaussians=len(self.reference.gop))
-        if planned.target_psnr is not None and self.reference is not None:
-            now = len(self.reference.gop)
-            aim = sum(RATE_CONTROL.spare) / 2
-            octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave
-            return replace(planned, gaussians=max(1, round(now * 2**octaves)))
+        count = planned.gaussians if self.reference is None else len(self.reference.gop)
+        match planned.target:
+            case Size(size):
+                share = max(self._left, 0) * size / max(sum(budget.bytes for budget in rest), 1)
+                target = Size(max(1, int(share)), exact=len(rest) == 1)
+                return replace(planned, gaussians=count, target=target)
+            case Slope():
+                return replace(planned, gaussians=count)
+            case Quality() if self.reference is not None:
+                aim = sum(RATE_CONTROL.spare) / 2
+                octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave
+                return replace(planned, gaussians=max(1, round(count * 2**octaves)))
         return planned
 
 
@@ -154,3 +148,146 @@ _ANY = Header(
     max_gop_frames=2**32 - 1,
     max_grid=(2**16 - 1,) * 3,
 )
+#: Jobs of a chain: sent the result of one, it yields the next.
+ChainJobs = Generator[GopJob, EncodedGop, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainTask:
+    """A chain to encode; can be pickled, and done once in each process that has it."""
+
+    frames: ChainFrames
+    budgets: Sequence[Budget]  #: of each GOP
+    settings: EncodeSettings
+    finished: Sequence[EncodedGop]  #: results of its first GOPs, which are not done again
+    seconds: float | None  #: wall time for the others; None = by the preset
+    sources: str = field(default_factory=sources)  #: digest of the code of the encoding process
+
+    @property
+    def first_frame(self) -> int:
+        """Number of the first frame that is to be fitted."""
+        return self.frames.gops[len(self.finished)].start
+
+    def jobs(self) -> ChainJobs:
+        """Yield the job of each GOP; is sent the result before it yields the next one."""
+        return chain_jobs(self.frames, self.budgets, self.settings, self.finished, self.seconds)
+
+
+def encode_chain(task: ChainTask, threads: int) -> list[EncodedGop]:
+    """Encode the missing GOPs of a chain in this process.
+
+    The same task gives the same bytes in any process and any order, unless it is timed.
+
+    Args:
+        task: the chain.
+        threads: native threads; 0 = GSVR_THREADS or all cores.
+
+    Raises:
+        WorkerError: this process has another version of the package than the one of the task.
+    """
+    if task.sources != sources():
+        raise WorkerError(
+            f"a worker has other sources of gsvrcodec ({sources()}) than the process that encodes "
+            f"({task.sources}): install the same version on both"
+        )
+    return list(one_by_one(task.jobs(), encode_gop, threads))
+
+
+def one_by_one(
+    chain: ChainJobs, encode: Callable[[GopJob], EncodedGop], threads: int
+) -> Iterator[EncodedGop]:
+    """Encode the GOPs of a chain, one after another.
+
+    Args:
+        chain: its jobs; `threads` of their settings is replaced.
+        encode: does one.
+        threads: native threads.
+    """
+    job = next(chain, None)
+    while job is not None:
+        done = encode(replace(job, settings=replace(job.settings, threads=threads)))
+        job = None  # its frames are not needed any more
+        yield done
+        with suppress(StopIteration):
+            job = chain.send(done)
+
+
+def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
+    """Return when the fit of each GOP starts and when the last one ends, if time goes by frames."""
+    free = [0] * workers
+    out = []
+    for length in lengths:
+        out.append(free[0])
+        heapq.heapreplace(free, free[0] + length)
+    return out, max(free)
+
+
+def missing_frames(chain: Chain, checkpoint: Checkpoint) -> int:
+    """Return the frames of the GOPs of a chain that are not finished."""
+    return sum(len(gop) for gop in chain[finished_gops(chain, checkpoint) :])
+
+
+def finished_gops(chain: Chain, checkpoint: Checkpoint) -> int:
+    """Return how many GOPs of a chain are finished, up to the first that is not."""
+    return next((n for n, gop in enumerate(chain) if gop not in checkpoint), len(chain))
+
+
+def all_tasks(
+    sections: Iterable[Section],
+    budgets_of: Callable[[Section], Sequence[Budget]],
+    settings: EncodeSettings,
+    checkpoint: Checkpoint,
+    began: float,
+    reader: ChainReader,
+    workers: int,
+) -> Iterator[ChainTask]:
+    """Plan the first section, and return the chains with missing GOPs; frames are read as they go.
+
+    Args:
+        sections: of the film, in order.
+        budgets_of: plans a section: a budget for each GOP.
+        settings: of the encode; a time budget is shared out among the missing GOPs.
+        checkpoint: has the finished GOPs.
+        began: `time.perf_counter()` at the start of the encode.
+        reader: of the frames.
+        workers: how many chains are fitted at the same time.
+
+    Raises:
+        UsageError: the size asked for is too little; at once.
+        InputError: the video has become shorter.
+    """
+    planned = ((section.chains, budgets_of(section)) for section in sections)
+    first = list(islice(planned, 1))
+    return (
+        task
+        for chains, budgets in joined(first, planned)
+        for task in _tasks(chains, budgets, settings, checkpoint, began, reader, workers)
+    )
+
+
+def _tasks(
+    chains: Sequence[Chain],
+    budgets: Sequence[Budget],
+    settings: EncodeSettings,
+    checkpoint: Checkpoint,
+    began: float,
+    reader: ChainReader,
+    workers: int,
+) -> Iterator[ChainTask]:
+    """Yield the tasks of a section."""
+    missing = [missing_frames(chain, checkpoint) for chain in chains]
+    turns, end = starts([count for count in missing if count], workers)
+    turn_of = dict(zip((n for n, count in enumerate(missing) if count), turns, strict=True))
+    waiting = iter(budgets)
+    for number, chain in enumerate(chains):
+        own = list(islice(waiting, len(chain)))
+        if not missing[number]:
+            reader.skip(chain)
+            continue
+        seconds = None
+        if settings.time_budget is not None:
+            # A share of the time left, in proportion to its frames and the frames that wait for it.
+            left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
+            seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
+        done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
+        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds)

@@ -18,7 +18,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -32,14 +32,15 @@ from gsvrcodec.bitstream.chunk import (
     parse_chunk_head,
 )
 from gsvrcodec.encoder.analysis import Analysis
-from gsvrcodec.encoder.jobs import EncodedGop
-from gsvrcodec.encoder.results import GopFigures
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
 _PLAN, _ANALYSIS, _PART = b"plan", b"stat", b"part"
 _LENGTH = struct.Struct("<I")
+#: Of a finished GOP, beside its frames.
+_FIGURES = ("psnr", "float_psnr", "seconds", "qscale")
 
 
 class Checkpoint:
@@ -62,7 +63,7 @@ class Checkpoint:
     def __init__(
         self, target: Path | None, plan: Mapping[str, Any], *, resume: bool, restart: bool
     ) -> None:
-        self._entries: dict[range, tuple[GopFigures, ChunkEntry]] = {}
+        self._entries: dict[range, tuple[EncodedGop, ChunkEntry]] = {}
         self._analysis: Analysis | None = None
         self._end = 0
         self._lock = threading.Lock()  # of the place in the file
@@ -129,14 +130,16 @@ class Checkpoint:
         self._append(_ANALYSIS, json.dumps(analysis.to_json()).encode())
         self._analysis = analysis
 
-    def add(self, gop: range, figures: GopFigures, payload: bytes) -> None:
+    def add(self, gop: EncodedGop) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
-        text = json.dumps({"frames": [gop.start, gop.stop], "figures": asdict(figures)}).encode()
-        entry = self._append(_PART, _LENGTH.pack(len(text)) + text + payload)
-        self._entries[gop] = figures, entry
+        frames = [gop.frames.start, gop.frames.stop]
+        figures = {name: getattr(gop, name) for name in _FIGURES}
+        text = json.dumps({"frames": frames, "figures": figures}).encode()
+        entry = self._append(_PART, _LENGTH.pack(len(text)) + text + gop.payload)
+        self._entries[gop.frames] = replace(gop, payload=b""), entry
 
-    def figures(self, gop: range) -> GopFigures:
-        """Return the figures of a GOP; KeyError if it is not there."""
+    def figures(self, gop: range) -> EncodedGop:
+        """Return a finished GOP without its payload; KeyError if it is not there."""
         return self._entries[gop][0]
 
     def payload(self, gop: range) -> bytes:
@@ -148,14 +151,13 @@ class Checkpoint:
         name = self.path or "the temporary file"
         try:
             with named(name):
-                return _split(self._read(self._entries[gop][1]))[2]
+                return _split(self._read(self._entries[gop][1]))[1]
         except CorruptError as error:
             raise OutputError(f"{name} is not what was written to it: {error}") from error
 
     def result(self, gop: range) -> EncodedGop:
         """Return a finished GOP as its job did. Raises as `payload`."""
-        figures = self.figures(gop)
-        return EncodedGop(self.payload(gop), figures.psnr, figures.float_psnr, figures.qscale)
+        return replace(self.figures(gop), payload=self.payload(gop))
 
     def _open(self, plan: dict[str, Any], *, resume: bool, restart: bool) -> None:
         """Take what the file holds, or begin it."""
@@ -241,8 +243,8 @@ class Checkpoint:
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
         elif entry.type == _PART:
-            gop, figures, _ = _split(payload)
-            self._entries[gop] = figures, entry
+            gop, _ = _split(payload)
+            self._entries[gop.frames] = gop, entry
 
     def _read(self, entry: ChunkEntry) -> bytes:
         with self._lock:
@@ -251,8 +253,8 @@ class Checkpoint:
         return check_payload(entry, data)
 
 
-def _split(payload: bytes) -> tuple[range, GopFigures, bytes]:
-    """Return what a part is made of."""
+def _split(payload: bytes) -> tuple[EncodedGop, bytes]:
+    """Return what a part is made of: a GOP without its payload, and the payload."""
     if len(payload) < _LENGTH.size:
         raise CorruptError("a part without its length")
     start = _LENGTH.size + _LENGTH.unpack_from(payload)[0]
@@ -260,7 +262,7 @@ def _split(payload: bytes) -> tuple[range, GopFigures, bytes]:
     match head:
         case {"frames": [int(first), int(end)], "figures": dict(figures)}:
             with suppress(TypeError):
-                return range(first, end), GopFigures(**figures), payload[start:]
+                return EncodedGop(frames=range(first, end), **figures), payload[start:]
     raise CorruptError("a part that does not say what it is")
 
 

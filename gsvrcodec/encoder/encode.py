@@ -14,27 +14,28 @@ from dataclasses import asdict, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO, Unpack
 
 from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
+from gsvrcodec.bitstream.gop_head import GopEntry
 from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
 from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.chain_reader import ReadHere, ReadThere
+from gsvrcodec.encoder.chain import all_tasks
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.executors import check_executor, fit_on, workers_of
-from gsvrcodec.encoder.job_queue import all_tasks, processes_for
-from gsvrcodec.encoder.lookahead import Lookahead, Section
-from gsvrcodec.encoder.output import Destination, checked_target, open_output
-from gsvrcodec.encoder.plan import plan
+from gsvrcodec.encoder.film import Section
+from gsvrcodec.encoder.lookahead import Lookahead
+from gsvrcodec.encoder.output import Destination, checked_target, open_output, verify_file
+from gsvrcodec.encoder.plan import Budget, plan
 from gsvrcodec.encoder.progress import Meter, Progress
-from gsvrcodec.encoder.results import EncodeResult, GopFigures, GopStats
-from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.verify import verify_file
-from gsvrcodec.encoder.workers import fit_gops
+from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
+from gsvrcodec.encoder.run import Runner
+from gsvrcodec.encoder.run.executor import OnExecutor
+from gsvrcodec.encoder.run.local import Processes
+from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
+from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError, UsageError
 from gsvrcodec.files import fingerprint, is_stream
 from gsvrcodec.planes import PACKS
@@ -73,7 +74,7 @@ def encode(
     progress: Callable[[Progress], None] | None = None,
     executor: Executor | None = None,
     shared_source: bool = False,
-    **settings: Any,
+    **settings: Unpack[EncodeOptions],
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
 
@@ -120,11 +121,12 @@ def encode(
         VerificationError: the file does not decode to the source.
     """
     began = time.perf_counter()
-    chosen = EncodeSettings(**settings)
+    chosen = EncodeSettings.of(settings)
+    elsewhere = None
     if executor is None:
         chosen = replace(chosen, device=choose_device(chosen.device))
     else:
-        check_executor(executor)
+        elsewhere = OnExecutor(executor, chosen.workers, chosen.threads)
     name = path_of(src)
     target = checked_target(dst, overwrite=overwrite, source=name)
     source = {} if name is None else fingerprint(name)
@@ -163,17 +165,13 @@ def encode(
             return found
 
         # Fit: chains side by side, the GOPs of each one after another.
-        todo = partial(all_tasks, lookahead.sections(), budgets_of, chosen, checkpoint, began)
-        if executor is None:
-            workers, threads = processes_for(lookahead, checkpoint, video.info, chosen)
-            at_once: Callable[[], int] = partial(int, workers)
-            tasks = todo(ReadHere(video, pack=False), workers)
-            fit = fit_gops((task.jobs() for task in tasks), workers, threads)
-        else:
-            at_once = partial(workers_of, executor, chosen.workers)
-            reader = ReadThere(video, options, lookahead) if shared_source else None
-            tasks = todo(reader or ReadHere(video, pack=True), at_once())
-            fit = fit_on(executor, tasks, chosen.workers, chosen.threads)
+        runner: Runner = elsewhere or Processes.for_film(lookahead, checkpoint, video.info, chosen)
+        reader: ChainReader = ReadHere(video, pack=runner.sends)
+        if shared_source:
+            reader = ReadThere(video, options, lookahead)
+        tasks = all_tasks(
+            lookahead.sections(), budgets_of, chosen, checkpoint, began, reader, runner.at_once()
+        )
         check = partial(
             _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
         )
@@ -185,14 +183,12 @@ def encode(
             checkpoint=checkpoint,
             check=check if verify else None,
         )
-        meter = Meter(lookahead, checkpoint, began, progress, video.expected_frames, at_once)
+        meter = Meter(lookahead, checkpoint, began, progress, video.expected_frames, runner.at_once)
         meter.report()
         with open_output(destination) as output:
-            with closing(fit) as fitted:
-                for done in fitted:
-                    gop = done.gop
-                    figures = GopFigures(gop.psnr, gop.float_psnr, done.seconds, gop.qscale)
-                    checkpoint.add(done.frames, figures, gop.payload)
+            with closing(runner.run(tasks)) as finished:
+                for done in finished:
+                    checkpoint.add(done)
                     output.write_finished()
                     meter.report()
             writer = output.finish()
@@ -271,7 +267,7 @@ def _begin(
 
 def _warn_of_bits_left(taken: int, planned: Sequence[Budget]) -> None:
     """Say so if the file is smaller than it was to be."""
-    wanted = sum(budget.target_bytes or 0 for budget in planned)
+    wanted = sum(budget.bytes for budget in planned)
     if taken < (1 - _LEFT) * wanted:
         _log.warning(
             "the file takes %.0f %% of the bits asked for: more would win next to nothing at this "
@@ -287,17 +283,22 @@ def _gop_stats(
     checkpoint: Checkpoint,
 ) -> tuple[GopStats, ...]:
     pixels = writer.header.width * writer.header.height
-    return tuple(
-        GopStats(
-            first_frame=gop.start,
-            frames=len(gop),
-            cut=stats[gop.start].cut,
+
+    def stats_of(own: EncodedGop, entry: GopEntry) -> GopStats:
+        analysed = stats[own.frames.start : own.frames.stop]
+        return GopStats(
+            first_frame=own.frames.start,
+            frames=len(own.frames),
+            cut=analysed[0].cut,
             key=entry.is_key,
-            motion=sum(frame.motion for frame in stats[gop.start : gop.stop]),
+            motion=sum(frame.motion for frame in analysed),
             gaussians=entry.gaussians,
             bytes=entry.chunk.size,
-            bpp=8 * entry.chunk.size / (len(gop) * pixels),
-            **asdict(checkpoint.figures(gop)),
+            bpp=8 * entry.chunk.size / (len(own.frames) * pixels),
+            psnr=own.psnr,
+            float_psnr=own.float_psnr,
+            seconds=own.seconds,
+            qscale=own.qscale,
         )
-        for gop, entry in zip(gops, writer.gops, strict=True)
-    )
+
+    return tuple(map(stats_of, map(checkpoint.figures, gops), writer.gops))

@@ -1,38 +1,36 @@
-"""The first pass over a source, ahead of the fits: statistics of frames, and where GOPs begin."""
+"""Analysis of a film in a thread, ahead of its fits: sections, chains, GOPs as they are found."""
 
 from __future__ import annotations
 
 import threading
+import zlib
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from math import ceil
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from gsvrcodec.ahead import ahead
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.film import Chain, Section
+from gsvrcodec.encoder.rate import structure
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.shared import checksum
-from gsvrcodec.encoder.slicing import Chain
-from gsvrcodec.encoder.structure import structure
 from gsvrcodec.encoder.tuned import LOOKAHEAD
-from gsvrcodec.fit.flow import flow_estimator
+from gsvrcodec.fit.motion import flow_estimator
 from gsvrcodec.video import Rgb, VideoReader
 
 #: Frames that are read before they are analysed.
 _READ_AHEAD = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """Frames that are planned together."""
-
-    chains: list[Chain]  #: their numbers, by GOP
-    seconds: float  #: that they last
+def checksum(picture: Rgb) -> int:
+    """Return the CRC-32 of the samples of a picture, (H, W, 3) uint8."""
+    return zlib.crc32(np.ascontiguousarray(picture).data)
 
 
 class Lookahead:

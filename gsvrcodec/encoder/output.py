@@ -1,20 +1,27 @@
-"""Where the GOPs of an encode go: to a file when all are there, to a pipe one after another."""
+"""The output: written when it is whole, or as it goes; and whether it decodes to the source."""
 
 from __future__ import annotations
 
 import io
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+from statistics import fmean
 from typing import BinaryIO, Protocol
 
+import numpy as np
+
 from gsvrcodec.bitstream.writer import GsvrWriter
+from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.errors import UsageError
+from gsvrcodec.errors import CorruptError, UsageError, VerificationError
 from gsvrcodec.files import check_output, gathered_output, is_stream, named
+from gsvrcodec.metrics import psnr
+from gsvrcodec.video import VideoReader
 
 #: A path of a file, a pipe or a device, "-" = the standard output; or a binary file object.
 Target = Path | BinaryIO
@@ -146,3 +153,46 @@ class _LiveOutput:
 def _seekable(file: BinaryIO) -> bool:
     """Return whether a file object can seek; one that does not say so cannot."""
     return bool(getattr(file, "seekable", lambda: False)())
+
+
+#: dB by which the quality of a GOP may differ from what the encoder measured: backends may round
+#: single samples differently.
+_TOLERANCE = 0.01
+
+
+def verify_file(
+    path: str | os.PathLike[str], video: VideoReader, quality: Mapping[int, float], threads: int
+) -> None:
+    """Decode a file from its start to its end, and compare it with its source.
+
+    Args:
+        path: the .gsvr file.
+        video: its source.
+        quality: of each GOP, by its first frame: mean PSNR that the encoder measured, dB.
+        threads: to render with; 0 = GSVR_THREADS or all cores.
+
+    Raises:
+        VerificationError: it cannot be decoded, a frame is missing or shown at another time, or
+            the quality is another.
+    """
+    measured: dict[int, list[float]] = {}
+    try:
+        with open_gsvr(path, threads=threads) as decoder:
+            for number, (shot, frame) in enumerate(zip_longest(video, decoder)):
+                if shot is None or frame is None:
+                    raise VerificationError(
+                        f"the file and its source differ from frame {number} on"
+                    )
+                if (shot.pts, shot.duration) != (frame.pts, frame.duration):
+                    raise VerificationError(f"frame {number} is shown at another time")
+                if number in quality:
+                    gop = measured.setdefault(number, [])
+                gop.append(psnr(frame.data.astype(np.uint8, copy=False), shot.rgb))
+    except CorruptError as error:
+        raise VerificationError(f"the file cannot be decoded: {error}") from error
+    for first, values in measured.items():
+        if not abs(fmean(values) - quality[first]) <= _TOLERANCE:
+            raise VerificationError(
+                f"frames {first} to {first + len(values) - 1} decode to {fmean(values):.3f} dB, "
+                f"they were encoded to {quality[first]:.3f} dB"
+            )

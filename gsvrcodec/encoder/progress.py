@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.film import Chain
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,19 +8,21 @@ from pathlib import Path
 from typing import Any
 
 
-@dataclass(frozen=True, slots=True)
-class GopFigures:
-    """What the fit of one GOP came to."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncodedGop:
+    """A finished GOP."""
 
-    psnr: float  #: dB, mean of the frames as decoded
-    float_psnr: float  #: dB, mean of the frames before quantisation
-    seconds: float  #: wall time of the fit
+    frames: range  #: numbers of its frames in the file
+    psnr: float  #: dB, mean of the frames that a decoder will show
+    float_psnr: float  #: dB, the same before quantisation
+    seconds: float  #: wall time
     qscale: float | None = None  #: of the quantiser steps; None = bits over the range
+    payload: bytes = field(default=b"", repr=False)  #: of its chunk, unless that is kept elsewhere
 
 
 @dataclass(frozen=True, slots=True)
 class GopStats:
-    """What one GOP came to."""
+    """Result of one GOP."""
 
     first_frame: int
     frames: int
@@ -38,7 +40,7 @@ class GopStats:
 
 @dataclass(frozen=True, slots=True)
 class EncodeResult:
-    """What an encode came to."""
+    """Result of an encode."""
 
     path: Path | None  #: None = it went to memory or to a file object
     frames: int

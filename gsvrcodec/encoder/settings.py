@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args, get_type_hints
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from difflib import get_close_matches
+from types import UnionType
+from typing import (
+    Any,
+    Literal,
+    Self,
+    TypedDict,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.options import Deform, FitOptions, Flow, Profile
+from gsvrcodec.fit.recipe import Deform, FitOptions, Flow, Profile
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.video import Part
@@ -15,6 +27,43 @@ Preset = Literal["fastest", "medium", "slow", "slowest"]
 Pack = Literal["auto", "entropy", "jxl", "png", "deflate"]
 
 DEFAULT_CRF = 26.0
+
+
+class EncodeOptions(TypedDict, total=False):
+    """The fields of `EncodeSettings` as keyword arguments of `gsvrcodec.encode`."""
+
+    params: int | None
+    gaussians: int | None
+    crf: float | None
+    bpp: float | None
+    bitrate: int | None
+    target_size: int | None
+    target_psnr: float | None
+    preset: Preset
+    time_budget: float | None
+    profile: Profile
+    deform: Deform
+    gop: int | Literal["adaptive"]
+    gop_min: int
+    gop_max: int | None
+    keyint: float
+    flow: Flow
+    qat: bool
+    pack: Pack
+    seed: int
+    threads: int
+    device: str
+    workers: int
+    crop: tuple[int, int, int | None, int | None] | None
+    start_frame: int
+    frames: int | None
+    start_seconds: float | None
+    stop_seconds: float | None
+    rate: float | None
+    bake_rotation: bool
+    deinterlace: bool
+    audio: bool
+    subtitles: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +94,7 @@ class EncodeSettings:
     seed: int = 0  #: of every random choice
     threads: int = 0  #: native threads; 0 = GSVR_THREADS or all cores
     device: str = "auto"  #: that fits: "cpu", "cuda", "cuda:N"; "auto" = the first usable GPU
-    workers: int = 0  #: GOPs fitted side by side; 0 = by cores
+    workers: int = 0  #: chains of GOPs fitted side by side; 0 = by cores
     #: width, height, x, y in pixels; x and y None = centre
     crop: tuple[int, int, int | None, int | None] | None = None
     start_frame: int = 0  #: first frame to encode
@@ -65,11 +114,8 @@ class EncodeSettings:
         Raises:
             UsageError: naming the argument.
         """
-        hints = get_type_hints(type(self))
-        for name in ("preset", "profile", "deform", "flow", "pack"):
-            if getattr(self, name) not in get_args(hints[name]):
-                allowed = ", ".join(get_args(hints[name]))
-                raise UsageError(f"`{name}` must be one of {allowed}, not {getattr(self, name)!r}")
+        for name, hint in get_type_hints(type(self)).items():
+            _check_type(name, getattr(self, name), hint)
         given = self._sizes
         if len(given) > 1:
             raise UsageError(f"`{given[0]}` and `{given[1]}` exclude each other; give one")
@@ -96,12 +142,21 @@ class EncodeSettings:
             raise UsageError(f"`crf` must be 0 to {_HIGHEST_CRF}, not {self.crf}")
         if not 0 <= self.keyint < float("inf"):
             raise UsageError(f"`keyint` must be 0 or more seconds, not {self.keyint}")
-        if self.gop != "adaptive" and not isinstance(self.gop, int):
-            raise UsageError(f"`gop` must be 'adaptive' or a number of frames, not {self.gop!r}")
         if self.gop_max is not None and self.gop_min > self.gop_max:
             raise UsageError(
                 f"`gop_min={self.gop_min}` is more than `gop_max={self.gop_max}`; lower it"
             )
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> Self:
+        """Return the settings of keyword arguments; a UsageError names the wrong one."""
+        names = [field.name for field in fields(cls)]
+        for name in options:
+            if name not in names:
+                near = get_close_matches(name, names, 1, 0.7)
+                meant = f"; did you mean `{near[0]}`?" if near else ""
+                raise UsageError(f"`{name}` is not an argument of `encode`{meant}")
+        return cls(**options)
 
     @property
     def quality(self) -> float | None:
@@ -166,6 +221,35 @@ class EncodeSettings:
         return kept | {"crf": self.quality}
 
 
+def _check_type(name: str, value: object, hint: Any) -> None:
+    """Raise a UsageError if a value is not of its type."""
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            allowed = ", ".join(get_args(hint))
+            raise UsageError(f"`{name}` must be one of {allowed}, not {value!r}")
+        return
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    if not any(_is(value, kind) for kind in kinds):
+        wanted = " or ".join(_KINDS[kind] for kind in kinds if kind in _KINDS)
+        raise UsageError(f"`{name}` must be {_WORDS.get(name, wanted)}, not {value!r}")
+
+
+def _is(value: object, kind: Any) -> bool:
+    """Return whether a value is of a type without a union; a truth value is no number."""
+    if get_origin(kind) is Literal:
+        return value in get_args(kind)
+    if kind in (int, float):
+        return isinstance(value, (int, kind)) and not isinstance(value, bool)
+    return isinstance(value, get_origin(kind) or kind)
+
+
+#: Types in words.
+_KINDS = {int: "a whole number", float: "a number", bool: "True or False", str: "text"}
+#: Arguments of several types, in words.
+_WORDS = {
+    "gop": "'adaptive' or a number of frames",
+    "crop": "(width, height, x, y) in pixels, x and y None for the centre",
+}
 _HIGHEST_CRF = 51  #: of x264
 _DEFAULT_PRESET: Preset = "medium"
 _TARGETS = ("crf", "bpp", "bitrate", "target_size", "target_psnr")

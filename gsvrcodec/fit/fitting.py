@@ -13,23 +13,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.anchor import Anchor
-from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.motion import flow_estimator
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import bit_worth, equal_slope_steps
-from gsvrcodec.fit.price import Price
-from gsvrcodec.fit.qat import fake_quantiser
-from gsvrcodec.fit.recipe import MAIN, PAPER
-from gsvrcodec.fit.sensitivity import sensitivities
-from gsvrcodec.fit.slope import Slope
-from gsvrcodec.fit.start import content_aware, random_start
+from gsvrcodec.fit.parameters import Anchor, Parameters
+from gsvrcodec.fit.precision import equal_slope_steps, sensitivities
+from gsvrcodec.fit.recipe import MAIN, FitOptions
+from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.tuned import EFFORT, PRICE, STAGED
+from gsvrcodec.fit.worth import Price, Slope, bit_worth
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Gop, GridSize
-from gsvrcodec.model.quantise import PAPER_BITS
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend
 
@@ -100,48 +94,32 @@ def fit_gop(
         footage: frames to show, and the background behind the Gaussians.
         gaussians: N; with a slope a first guess.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
-        options: profile, deformation field, flow.
+        options: deformation field, flow, tuning.
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
         slope: that the number of Gaussians follows; None = their number stays.
     """
     began = time.perf_counter()
-    paper = options.profile == "paper"
     rng = np.random.default_rng(seed)
-    if paper:
-        start = random_start(footage.frames, gaussians, grid, rng)
-    else:
-        flow = None if options.deform == "triplane" else flow_estimator(options.flow)
-        start = content_aware(footage, gaussians, grid, flow, rng, backend)
-    field = Field(start, options.deform, backend, footage.background)
-    effort, tuning = allowance.split(
-        tune=options.tune and not paper, least_steps=EFFORT.least_steps, began=began
-    )
-    price = None
-    if not paper:
-        price = price_of(field, footage, slope.qscale if slope else PRICE.qscale, rng)
+    flow = None if options.deform == "triplane" else flow_estimator(options.flow)
+    start = content_aware(footage, gaussians, grid, flow, rng, backend)
+    parameters = Parameters(start, options.deform, backend, footage.background)
+    effort, tuning = allowance.split(tune=options.tune, least_steps=EFFORT.least_steps, began=began)
+    price = price_of(parameters, footage, slope.qscale if slope else PRICE.qscale, rng)
     with single_torch_thread():
-        optimise(
-            field,
-            footage,
-            PAPER if paper else MAIN,
-            effort,
-            rng,
-            price=price,
-            slope=slope,
-            quantise=fake_quantiser(PAPER_BITS) if paper and options.tune else None,
-            quantise_from=EFFORT.qat_from,
-        )
-    gop = field.gop()
+        optimise(parameters, footage, MAIN, effort, rng, price=price, slope=slope)
+    gop = parameters.gop()
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)
 
 
-def price_of(field: Field, footage: Footage, qscale: float, rng: np.random.Generator) -> Price:
-    """Return the price of bits for a fit that begins with `field` and is stored at a qscale."""
-    found = sensitivities(footage, field.gop(), rng, field.backend)
+def price_of(
+    parameters: Parameters, footage: Footage, qscale: float, rng: np.random.Generator
+) -> Price:
+    """Return the price of bits for a fit of `parameters` that is stored at a qscale."""
+    found = sensitivities(footage, parameters.gop(), rng, parameters.backend)
     weight = bit_worth(qscale) / (255.0**2 * footage.pixels)
-    return Price(equal_slope_steps(found, qscale), weight, field.backend.device)
+    return Price(equal_slope_steps(found, qscale), weight, parameters.backend.device)
 
 
 def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:

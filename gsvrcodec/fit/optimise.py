@@ -9,109 +9,18 @@ from statistics import fmean
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.axes import Axes
-from gsvrcodec.fit.effect import losses
-from gsvrcodec.fit.field import Field, Tensors
+from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, some_frames
-from gsvrcodec.fit.pace import paces
-from gsvrcodec.fit.price import Price
+from gsvrcodec.fit.parameters import Parameters, Tensors
+from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.fit.recipe import Recipe
-from gsvrcodec.fit.relocate import relocate, reorder
-from gsvrcodec.fit.sensitivity import sensitivities
-from gsvrcodec.fit.slope import Slope
+from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.tuned import RELOCATION
+from gsvrcodec.fit.worth import Price, Slope
 from gsvrcodec.metrics import squared_error
-from gsvrcodec.render.backend import Backend, Samples
-
-#: Attributes whose first two components are lengths along x and y.
-_LENGTHS = frozenset(("linear", "quadratic", "xy"))
-#: Steps after which the axes of Gaussians are looked at again.
-_AXES_STEPS = 8
-
-
-class Adam:
-    """Adam with a rate for each component of an attribute; positions move along their axes.
-
-    Args:
-        raw: what is optimised, by the names of `Gop`.
-        recipe: rates and betas.
-        size: width and height of the coded frame, pixels.
-        backend: takes the steps.
-    """
-
-    _EPSILON = 1e-15
-
-    def __init__(
-        self, raw: Tensors, recipe: Recipe, size: tuple[int, int], backend: Backend
-    ) -> None:
-        self._raw, self._betas, self._backend = raw, recipe.betas, backend
-        self._size, self._along_axes = size, recipe.in_pixels
-        self._axes: Axes | None = None
-        self._steps = 0
-        self._mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
-        self._square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
-        self._rates = {}
-        for name, tensor in raw.items():
-            components = tensor.shape[-1] if tensor.dim() > 1 else 1
-            rates = np.full(components, recipe.rates[name], np.float32)
-            if recipe.in_pixels and name in _LENGTHS:
-                rates[:2] /= np.array(size, np.float32) / 2
-            self._rates[name] = torch.from_numpy(rates).to(tensor.device)
-
-    def step(
-        self, gradients: Tensors, factor: float, tensors: Tensors, paces: Tensors | None = None
-    ) -> None:
-        """Follow the gradients.
-
-        Args:
-            gradients: of all of `raw`.
-            factor: of all rates.
-            tensors: the decoder's parameters, by the names of `Gop`.
-            paces: factors of the rates of each Gaussian, by attribute; none = 1.
-        """
-        self._steps += 1
-        for name, raw in self._raw.items():
-            gradient, value = gradients[name], raw
-            axes = self._axes_of(tensors) if name == "position" else None
-            pace = None if paces is None else paces.get(name)
-            if axes is not None:
-                gradient = axes.gradient(gradient)
-            if axes is not None or pace is not None:
-                value = torch.zeros_like(raw)
-            self._backend.adam_step(
-                value,
-                gradient,
-                self._mean[name],
-                self._square[name],
-                self._rates[name],
-                factor,
-                self._betas,
-                self._EPSILON,
-                self._steps,
-            )
-            if axes is not None:
-                value = axes.offset(value)
-            if value is not raw:
-                raw.add_(value if pace is None else pace * value)
-
-    def _axes_of(self, tensors: Tensors) -> Axes | None:
-        """The axes that positions move along; None = the frame's."""
-        if self._along_axes and (self._axes is None or self._steps % _AXES_STEPS == 0):
-            self._axes = Axes(tensors, self._size)
-        return self._axes
-
-    def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
-        """Put the moments of all Gaussians into a new order; those that moved start anew."""
-        self._axes = None
-        for name in self._raw.keys() - {"xy", "xt", "yt"}:
-            for moments in (self._mean, self._square):
-                moments[name] = moments[name][order]
-                if moved is not None:
-                    moments[name][moved] = 0.0
-
+from gsvrcodec.render.backend import Samples
 
 #: Steps after which their pace is known.
 _PACE_STEPS = 10
@@ -154,7 +63,7 @@ def visits(frames: int, rng: np.random.Generator) -> Iterator[int]:
 
 
 def optimise(
-    field: Field,
+    parameters: Parameters,
     footage: Footage,
     recipe: Recipe,
     effort: Effort,
@@ -165,10 +74,10 @@ def optimise(
     quantise: Callable[[Tensors], Tensors] | None = None,
     quantise_from: float = 1.0,
 ) -> None:
-    """Fit `field` to `footage`, in place.
+    """Fit `parameters` to `footage`, in place.
 
     Args:
-        field: the parameters.
+        parameters: what the fit changes.
         footage: frames to show.
         recipe: rates and schedule.
         effort: when to stop.
@@ -181,9 +90,9 @@ def optimise(
     size, frames = footage.size, footage.frames
     small = coarse_frames(frames, recipe)
     shown = small
-    targets, behind = targets_of(field, shown, size)
-    reorder(field, size)
-    adam = Adam(field.raw, recipe, size, field.backend)
+    targets, behind = targets_of(parameters, shown, size)
+    reorder(parameters, size)
+    adam = Adam(parameters.raw, recipe, size, parameters.backend)
     order = visits(len(frames), rng)
     relocations = iter(recipe.relocations)
     relocation = next(relocations, 1.0)
@@ -203,55 +112,57 @@ def optimise(
                 settled = effort.steps + recipe.settling
                 more = 0
                 if slope is not None and spent >= recipe.counted:
-                    more = _missing(field, footage, slope, effort.expected_steps)
-                rearranged(*relocate(field, small, footage.taus, size, rng, recipe.moving, more))
+                    more = _missing(parameters, footage, slope, effort.expected_steps)
+                rearranged(
+                    *relocate(parameters, small, footage.taus, size, rng, recipe.moving, more)
+                )
         if slope is not None and spent >= pruning:
             pruning = next(prunings, 1.0)
-            rearranged(_prune(field, footage, slope, rng))
+            rearranged(_prune(parameters, footage, slope, rng))
         index = next(order)
         if shown is not frames and spent >= recipe.coarse:
             shown = frames
-            targets, behind = targets_of(field, frames, size)
-            rearranged(reorder(field, size))
-        tensors = field.tensors()
+            targets, behind = targets_of(parameters, frames, size)
+            rearranged(reorder(parameters, size))
+        tensors = parameters.tensors()
         if quantise is not None and spent >= quantise_from:
             tensors = quantise(tensors)
         tau = float(footage.taus[index])
-        gradients = field.gradients(tensors, tau, targets[index], size, behind)
+        gradients = parameters.gradients(tensors, tau, targets[index], size, behind)
         if price is not None and spent >= recipe.coarse:
-            price.add(field, gradients)
+            price.add(parameters, gradients)
         patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
-        with field.about_middle(gradients):
+        with parameters.about_middle(gradients):
             factor = recipe.decay(spent) * patience * warm_up
-            adam.step(gradients, factor, tensors, paces(field, recipe, size))
-        field.limit()
+            adam.step(gradients, factor, tensors, paces(parameters, recipe, size))
+        parameters.limit()
         effort.advance()
 
 
-def _missing(field: Field, footage: Footage, slope: Slope, steps: float) -> int:
+def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: float) -> int:
     """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
-    now = len(field.raw["position"])
-    wanted = slope.gaussians(footage.pixels, _squared_error(field, footage), steps)
+    now = len(parameters.raw["position"])
+    wanted = slope.gaussians(footage.pixels, _squared_error(parameters, footage), steps)
     return min(max(wanted, now // 2), 2 * now) - now
 
 
 def _prune(
-    field: Field, footage: Footage, slope: Slope, rng: np.random.Generator
+    parameters: Parameters, footage: Footage, slope: Slope, rng: np.random.Generator
 ) -> NDArray[np.intp]:
     """Drop Gaussians that are not worth their bits, and return which are left."""
-    gop = field.gop()
-    found = sensitivities(footage, gop, rng, field.backend)
-    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, found, field.backend)))
-    field.rearrange(left)
+    gop = parameters.gop()
+    found = sensitivities(footage, gop, rng, parameters.backend)
+    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, found, parameters.backend)))
+    parameters.rearrange(left)
     return left
 
 
-def _squared_error(field: Field, footage: Footage) -> float:
+def _squared_error(parameters: Parameters, footage: Footage) -> float:
     """Mean squared error over some frames, 8-bit codes."""
-    frames, backend = footage.frames, field.backend
+    frames, backend = footage.frames, parameters.backend
     shown = some_frames(len(frames), RELOCATION.frames)
-    prepared = backend.prepare(field.drawn())
+    prepared = backend.prepare(parameters.drawn())
     pictures = backend.render(prepared, footage.taus[shown], footage.size, footage.size)
     return fmean(
         squared_error(picture, frames[index])
@@ -260,12 +171,12 @@ def _squared_error(field: Field, footage: Footage) -> float:
 
 
 def targets_of(
-    field: Field, frames: Frames, coded_size: tuple[int, int]
+    parameters: Parameters, frames: Frames, coded_size: tuple[int, int]
 ) -> tuple[Samples, Samples | None]:
     """Frames (F, H, W, 3) where the backend compares them, and the backdrop at their size."""
     size = frames.shape[2], frames.shape[1]
-    behind = backdrop(field.background, size, coded_size, field.backend)
-    return field.backend.upload(frames), behind
+    behind = backdrop(parameters.background, size, coded_size, parameters.backend)
+    return parameters.backend.upload(frames), behind
 
 
 def coarse_frames(frames: Frames, recipe: Recipe) -> Frames:

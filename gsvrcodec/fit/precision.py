@@ -1,17 +1,79 @@
-"""Quantiser steps of all attributes, from their sensitivities and one qscale."""
+"""How finely each parameter is stored: sensitivities, quantiser steps, and what is not stored."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
+from gsvrcodec.fit.footage import Footage, backdrop, some_frames
+from gsvrcodec.fit.parameters import LOOK, Anchor
+from gsvrcodec.fit.tuned import PREDICTION, RATE_CONTROL, STEPS
+from gsvrcodec.fit.worth import bit_worth
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.quantise import Precision, Refined, Steps
 from gsvrcodec.model.refinement import REFINED, Refinement, levels
+from gsvrcodec.render.backend import Backend
+
+#: 8-bit codes squared, mean of the channels: the unit that quality is measured in.
+_CODES = 255.0**2 / 3
+
+
+def sensitivities(
+    footage: Footage,
+    gop: Gop,
+    rng: np.random.Generator,
+    backend: Backend,
+    anchor: Anchor | None = None,
+    *,
+    frames: int = STEPS.frames,
+) -> Gop:
+    """Squared error of a change of each parameter by one, over all pixels and frames.
+
+    The diagonal of J^T J by Hutchinson's estimator: with noise r of unit variance in place of a
+    picture's error, the square of the gradient J^T r is that diagonal in the mean.
+
+    Args:
+        footage: The frames that show the GOP.
+        gop: The state to look at.
+        rng: Source of the noise.
+        backend: Gives gradients.
+        anchor: What the stored values are relative to; the position follows from the motion.
+        frames: Most frames that are looked at.
+
+    Returns:
+        In place of each parameter its sum, squared 8-bit codes (mean of the channels).
+    """
+    (width, height), taus = footage.size, footage.taus
+    total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
+    chosen = some_frames(len(taus), frames)
+    behind = backdrop(footage.background, footage.size, footage.size, backend)
+    scale = np.float32(_CODES * len(taus) / len(chosen))
+    for tau in taus[chosen]:
+        random = noise((height, width, 3), rng)
+        gradient = backend.gradient(gop, float(tau), random, footage.size, behind)
+        if anchor is not None:
+            there = anchor.carried[:, None] * gradient.position
+            gradient = replace(
+                gradient,
+                linear=gradient.linear - np.float32(anchor.start) * there,
+                quadratic=gradient.quadratic - np.float32(anchor.start**2) * there,
+            )
+        for name, sums in total.items():
+            sums += scale * np.square(getattr(gradient, name))
+    return Gop(**total)
+
+
+def noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return ones of random sign."""
+    count = int(np.prod(shape))
+    bits = np.unpackbits(np.frombuffer(rng.bytes(-(-count // 8)), np.uint8), count=count)
+    noise: NDArray[np.float32] = (2 * bits.astype(np.float32) - 1).reshape(shape)
+    return noise
 
 
 def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
@@ -25,11 +87,6 @@ def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
     wanted = STEPS.usual_share * 255.0**2 / 10 ** (psnr / 10)
     costs = STEPS.unit * GAUSSIAN_PARAMETERS * gaussians / pixels
     return min(max(math.sqrt(wanted / costs), RATE_CONTROL.finest), RATE_CONTROL.coarsest)
-
-
-def bit_worth(qscale: float) -> float:
-    """Squared 8-bit codes that a bit has to save at a qscale: the slope of all steps."""
-    return 2 * math.log(2) * STEPS.unit * qscale**2
 
 
 def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
@@ -129,3 +186,81 @@ def _short(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Steps of six binary digits, so that their multiples are exact in binary32."""
     digits, exponent = np.frexp(steps)
     return np.ldexp(np.round(digits * 64) / 64, exponent)
+
+
+def still(gop: Gop) -> Gop:
+    """Return the Gaussians without their motion: no polynomial, and no tri-plane."""
+    return replace(
+        gop,
+        indicator=np.ones_like(gop.indicator),
+        linear=np.zeros_like(gop.linear),
+        quadratic=np.zeros_like(gop.quadratic),
+    )
+
+
+def with_static(gop: Gop, sensitivities: Sequence[Gop], qscale: float) -> Gop:
+    """Make the Gaussians static whose motion is worth less than the bits of that motion.
+
+    A static Gaussian has no polynomial motion and the indicator 1, which switches the tri-plane
+    off.
+
+    Args:
+        gop: The GOP to be stored.
+        sensitivities: Squared error of a change of each parameter by one, in several states of the
+            GOP of which the worst counts; see `sensitivities`.
+        qscale: Factor of the steps that the GOP will be stored with.
+    """
+    losses = [
+        (own.linear * np.square(gop.linear)).sum(axis=1)
+        + (own.quadratic * np.square(gop.quadratic)).sum(axis=1)
+        + own.indicator * np.square(1 - gop.indicator)
+        for own in sensitivities
+    ]
+    moves = np.max(losses, axis=0) >= STEPS.static_worth * qscale**2
+    static = still(gop)
+    return replace(
+        gop,
+        indicator=np.where(moves, gop.indicator, static.indicator),
+        linear=np.where(moves[:, None], gop.linear, static.linear),
+        quadratic=np.where(moves[:, None], gop.quadratic, static.quadratic),
+    )
+
+
+def with_usual_opacity(gop: Gop, new: NDArray[np.bool_], sensitivities: Gop, qscale: float) -> Gop:
+    """Give the opacity 1 to new Gaussians whose opacity is worth less than its bits.
+
+    Args:
+        gop: The GOP to be stored.
+        new: (N,) Gaussians that do not come from a reference.
+        sensitivities: Squared error of a change of each parameter by one.
+        qscale: Factor of the steps that the GOP will be stored with.
+    """
+    loss = sensitivities.log_opacity * np.square(gop.log_opacity)
+    usual = new & (loss < STEPS.opacity_bits * bit_worth(qscale))
+    return replace(gop, log_opacity=np.where(usual, np.float32(0), gop.log_opacity))
+
+
+def with_unchanged(
+    stored: Gop, carried: NDArray[np.bool_], sensitivities: Gop, steps: Steps, qscale: float
+) -> Gop:
+    """Undo the changes of carried Gaussians that are worth less than their bits.
+
+    Args:
+        stored: The GOP to be stored, relative to its anchor.
+        carried: (N,) Gaussians of the reference.
+        sensitivities: Squared error of a change of each parameter by one.
+        steps: Quantiser steps.
+        qscale: Factor of the steps.
+    """
+    loss, bits = np.zeros(len(stored)), np.full(len(stored), PREDICTION.change_bits)
+    for name in LOOK:
+        change = getattr(stored, name).reshape(len(stored), -1)
+        loss += (getattr(sensitivities, name).reshape(change.shape) * np.square(change)).sum(axis=1)
+        bits += np.log2(1 + np.abs(change) / np.array(steps[name])).sum(axis=1)
+    undone = carried & (loss < PREDICTION.undone * bits * bit_worth(qscale))
+    changes = {}
+    for name in LOOK:
+        value = getattr(stored, name).copy()
+        value[undone] = 0
+        changes[name] = value
+    return replace(stored, **changes)

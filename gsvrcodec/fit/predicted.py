@@ -9,21 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
-from gsvrcodec.fit.effect import effects
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
-from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Footage, some_frames
-from gsvrcodec.fit.motion import Tracker
+from gsvrcodec.fit.motion import Tracker, flow_estimator
 from gsvrcodec.fit.optimise import optimise
-from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import bit_worth
-from gsvrcodec.fit.recipe import PREDICTED
-from gsvrcodec.fit.relocate import move_weakest
-from gsvrcodec.fit.sensitivity import noise
+from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
+from gsvrcodec.fit.precision import noise
+from gsvrcodec.fit.recipe import PREDICTED, FitOptions
+from gsvrcodec.fit.relocate import effects, move_weakest
 from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import PREDICTION, START
+from gsvrcodec.fit.worth import bit_worth
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
 from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
@@ -32,8 +28,8 @@ from gsvrcodec.render.backend import Backend
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """What a predicted fit starts from."""
+class LastFrame:
+    """The last frame of the reference, from which a predicted fit starts."""
 
     look: Look  #: (M, ...) the Gaussians as in the last frame of the reference
     picture: NDArray[np.uint8]  #: (H, W, 3) that frame, decoded
@@ -43,7 +39,7 @@ class Reference:
 
 def fit_predicted(
     footage: Footage,
-    reference: Reference,
+    reference: LastFrame,
     gaussians: int,
     grid: GridSize,
     options: FitOptions,
@@ -93,21 +89,23 @@ def fit_predicted(
     begin = _start(footage, anchor, reference.picture, grid, options, rng)
     if extra > 0:
         begin, anchor = _with_new(begin, anchor, extra)
-    field = Field(begin, options.deform, backend, footage.background, anchor)
+    parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
-    if mean_psnr(field.gop(), footage, backend) < lost:
+    if mean_psnr(parameters.gop(), footage, backend) < lost:
         return None
-    move_weakest(field, footage.frames, footage.taus, footage.size, rng, fresh)
+    move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh)
 
     effort, tuning = allowance.split(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
-    price = price_of(field, footage, reference.qscale, rng)
+    price = price_of(parameters, footage, reference.qscale, rng)
     with single_torch_thread():
-        optimise(field, footage, PREDICTED, effort, rng, price=price)
-    psnr = mean_psnr(field.gop(), footage, backend)
-    return Fit(field.stored(), psnr, effort.expected_steps, tuning, footage, field.anchor, kept)
+        optimise(parameters, footage, PREDICTED, effort, rng, price=price)
+    psnr = mean_psnr(parameters.gop(), footage, backend)
+    return Fit(
+        parameters.stored(), psnr, effort.expected_steps, tuning, footage, parameters.anchor, kept
+    )
 
 
 def change_worth(

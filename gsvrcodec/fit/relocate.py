@@ -1,4 +1,4 @@
-"""Relocation: the weakest Gaussians move to where the error is largest, during a fit."""
+"""Relocation: the Gaussians that do least for the picture move to where the error is largest."""
 
 from __future__ import annotations
 
@@ -8,18 +8,91 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.effect import effects
-from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.footage import Frames, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, some_frames
+from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.start import over_channels
-from gsvrcodec.fit.tuned import RELOCATION
-from gsvrcodec.model.gop import Float32Array
-from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY
+from gsvrcodec.fit.tuned import EFFECT, RELOCATION
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY
+from gsvrcodec.model.static import append_gaussians
+from gsvrcodec.render.backend import Backend, Size
 from gsvrcodec.render.order import drawing_order
 
 
+def effects(
+    gop: Gop, drawn: Gop, taus: Float32Array, size: Size, coded_size: Size, backend: Backend
+) -> NDArray[np.float64]:
+    """Squared change of the picture without each Gaussian, about.
+
+    A Gaussian of the colour c that has the share s of the weights at a pixel of the colour P
+    changes it by s / (1 - s) (P - c) when it leaves. The change at its centre, or where the frame
+    is nearest to that, stands for that over its area. Offsets of the tri-plane are left out: they
+    are small, and take long to look up.
+
+    Args:
+        gop: N Gaussians.
+        drawn: These and all others of the pictures.
+        taus: (F,) normalised times of the frames.
+        size: Width and height that pictures are drawn at, pixels.
+        coded_size: Width and height of the coded frame, pixels.
+        backend: Draws.
+
+    Returns:
+        (N,) 0 for Gaussians that do not reach into the frame at the times that are looked at.
+    """
+    prepared = backend.prepare(drawn)
+    total = np.zeros(len(gop))
+    for tau in taus[some_frames(len(taus), EFFECT.frames)]:
+        sums = backend.sums(prepared, float(tau), size, coded_size).astype(np.float64)
+        x, y, own = _weights(gop, float(tau), size, coded_size)
+        there = sums[y, x]
+        weight = there[:, 3] + GROUND
+        share = np.minimum(own / weight, EFFECT.most_share)
+        apart = there[:, :3] / weight[:, None] - gop.colour
+        total += np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
+    return np.asarray(total * np.exp(gop.log_scale.sum(axis=1)))
+
+
+def losses(gop: Gop, footage: Footage, sensitivities: Gop, backend: Backend) -> NDArray[np.float64]:
+    """Squared error that is added without each Gaussian, over all frames, 8-bit codes.
+
+    The sensitivity of the logarithm of its opacity is the sum of s^2 (P - c)^2 over all pixels,
+    with s and P as in `effects`; its share where its centre is stands for the rest.
+
+    Args:
+        gop: N Gaussians.
+        footage: The frames that show them.
+        sensitivities: Squared error of a change of each parameter by one.
+        backend: Draws.
+    """
+    drawn = gop if footage.background is None else append_gaussians(gop, footage.background)
+    prepared, size = backend.prepare(drawn), footage.size
+    most = np.zeros(len(gop))
+    for tau in footage.taus[some_frames(len(footage.taus), EFFECT.frames)]:
+        x, y, own = _weights(gop, float(tau), size, size)
+        weight = backend.sums(prepared, float(tau), size, size)[y, x, 3] + GROUND
+        most = np.maximum(most, own / weight)
+    others = 1 - np.minimum(most, EFFECT.most_lost)
+    return np.asarray(sensitivities.log_opacity / np.square(others))
+
+
+def _weights(
+    gop: Gop, tau: float, size: Size, coded_size: Size
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Pixels nearest to the centres, columns and rows, and the weights of the Gaussians there."""
+    position = gop.position + tau * (gop.linear + tau * gop.quadratic)
+    centre = (position + 1) / 2 * np.array(size)
+    near = np.clip(centre, 0.5, np.array(size) - 0.5)
+    x, y = ((near - centre) * np.array(coded_size) / size).T
+    sine, cosine = np.sin(gop.rotation), np.cos(gop.rotation)
+    along = np.stack([cosine * x + sine * y, cosine * y - sine * x], 1) / np.exp(gop.log_scale)
+    weight = np.exp(-np.square(along).sum(axis=1) / 2) - CUTOFF
+    column, row = near.astype(np.intp).T
+    return column, row, np.exp(gop.log_opacity) * np.maximum(weight, 0)
+
+
 def relocate(
-    field: Field,
+    parameters: Parameters,
     frames: Frames,
     taus: Float32Array,
     coded_size: tuple[int, int],
@@ -27,13 +100,13 @@ def relocate(
     share: float,
     more: int = 0,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Move the weakest Gaussians of `field`, in place, and put all in rendering order again.
+    """Move the weakest Gaussians of `parameters`, in place, and put all in rendering order again.
 
     A Gaussian that moves takes the shape and the motion of its nearest neighbour, the colour that
     is wanted where it goes, and an opacity of 1, or more in proportion to the weights there.
 
     Args:
-        field: the parameters of the fit.
+        parameters: Of the fit.
         frames: (F, h, w, 3) uint8 at the size that the error is measured at.
         taus: (F,) their normalised times.
         coded_size: width and height of the coded frame, pixels.
@@ -45,23 +118,23 @@ def relocate(
         (N,) the index that each Gaussian had before, and (N,) whether it is new there.
     """
     added, leaving = max(0, more), max(0, -more)
-    count = int(share * len(field.raw["position"])) + added
-    taken = np.arange(len(field.raw["position"]))
+    count = int(share * len(parameters.raw["position"])) + added
+    taken = np.arange(len(parameters.raw["position"]))
     if leaving:
         size = frames.shape[2], frames.shape[1]
-        taken = np.sort(_weakest_first(field, taus, size, coded_size)[leaving:])
+        taken = np.sort(_weakest_first(parameters, taus, size, coded_size)[leaving:])
     if more:
         # Copies that hardly show are the weakest, so that they move.
         taken = np.concatenate([np.zeros(added, np.intp), taken])
-        field.rearrange(taken)
-        field.raw["log_opacity"][:added] = -MOST_LOG_OPACITY
-    moved = move_weakest(field, frames, taus, coded_size, rng, count)
-    order = reorder(field, coded_size)
+        parameters.rearrange(taken)
+        parameters.raw["log_opacity"][:added] = -MOST_LOG_OPACITY
+    moved = move_weakest(parameters, frames, taus, coded_size, rng, count)
+    order = reorder(parameters, coded_size)
     return taken[order], np.isin(order, moved)
 
 
 def move_weakest(
-    field: Field,
+    parameters: Parameters,
     frames: Frames,
     taus: Float32Array,
     coded_size: tuple[int, int],
@@ -69,12 +142,12 @@ def move_weakest(
     count: int,
 ) -> NDArray[np.intp]:
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
-    gop = field.gop()
+    gop = parameters.gop()
     size = frames.shape[2], frames.shape[1]
-    weakest = _weakest_first(field, taus, size, coded_size)[:count]
+    weakest = _weakest_first(parameters, taus, size, coded_size)[:count]
     shown = some_frames(len(frames), RELOCATION.frames)
-    prepared = field.backend.prepare(field.drawn())
-    sums = [field.backend.sums(prepared, float(tau), size, coded_size) for tau in taus[shown]]
+    prepared = parameters.backend.prepare(parameters.drawn())
+    sums = [parameters.backend.sums(prepared, float(tau), size, coded_size) for tau in taus[shown]]
     errors = [_error(own, frames[i]) for own, i in zip(sums, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
@@ -96,7 +169,7 @@ def move_weakest(
         position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
 
     low, high = RELOCATION.sigma_range
-    field.renew(
+    parameters.renew(
         weakest,
         like,
         position=position,
@@ -108,19 +181,21 @@ def move_weakest(
 
 
 def _weakest_first(
-    field: Field, taus: Float32Array, size: tuple[int, int], coded_size: tuple[int, int]
+    parameters: Parameters, taus: Float32Array, size: tuple[int, int], coded_size: tuple[int, int]
 ) -> NDArray[np.intp]:
     """Numbers of the Gaussians: first those without which the picture changes least."""
-    found = effects(field.gop(), field.drawn(), taus, size, coded_size, field.backend)
+    found = effects(
+        parameters.gop(), parameters.drawn(), taus, size, coded_size, parameters.backend
+    )
     return np.argsort(found, kind="stable")
 
 
-def reorder(field: Field, coded_size: tuple[int, int]) -> NDArray[np.intp]:
-    """Put the Gaussians of `field` in rendering order, in place; return the old index of each."""
-    now = field.tensors()
+def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.intp]:
+    """Put the Gaussians in rendering order, in place; return the index that each had before."""
+    now = parameters.tensors()
     position, log_scale = (now[name].numpy(force=True) for name in ("position", "log_scale"))
     order = drawing_order(position, log_scale, coded_size)
-    field.rearrange(order)
+    parameters.rearrange(order)
     return order
 
 

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.flow import FlowEstimator
 from gsvrcodec.fit.footage import Footage, Frames
-from gsvrcodec.fit.motion import Tracker
+from gsvrcodec.fit.motion import FlowEstimator, Tracker
 from gsvrcodec.fit.tuned import START
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop, GridSize
 from gsvrcodec.render.backend import Backend
@@ -177,27 +176,6 @@ def tri_plane(
         rng.normal(0, START.plane_noise, (gy, gx, TRIPLANE_CHANNELS)).astype(np.float32),
         np.ones((gt, gx, TRIPLANE_CHANNELS), np.float32),
         np.ones((gt, gy, TRIPLANE_CHANNELS), np.float32),
-    )
-
-
-def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.Generator) -> Gop:
-    """Start as the paper does: anywhere, at rest, in any colour."""
-    height, width = frames.shape[1:3]
-    spacing = np.float32(np.sqrt(width * height / gaussians))
-
-    def uniform(low: float, high: float, *shape: int) -> Float32Array:
-        return rng.uniform(low, high, shape).astype(np.float32)
-
-    return Gop(
-        position=uniform(-1, 1, gaussians, 2),
-        log_scale=np.log(spacing * uniform(0.25, 1.0, gaussians, 2)),
-        rotation=uniform(0, np.pi, gaussians),
-        colour=uniform(0, 0.5, gaussians, 3),
-        log_opacity=np.zeros(gaussians, np.float32),
-        indicator=np.full(gaussians, 0.5, np.float32),
-        linear=np.zeros((gaussians, 2), np.float32),
-        quadratic=np.zeros((gaussians, 2), np.float32),
-        **dict(zip(("xy", "xt", "yt"), tri_plane(grid, rng), strict=True)),
     )
 
 

@@ -1,77 +1,93 @@
-"""Search for the qscale of a GOP that meets a size or a quality."""
+"""Targets of a GOP: a number of Gaussians, a size, a quality; `worth.Slope` is the fourth.
+
+A target knows how many Gaussians are fitted for it, and at which qscale the fit is stored.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
+from gsvrcodec.fit.search import (
+    Candidate,
+    F,
+    R,
+    fit_to_psnr,
+    quantise_near_size,
+    quantise_to_psnr,
+    quantise_to_size,
+)
 from gsvrcodec.fit.tuned import RATE_CONTROL
 
-#: Fraction by which a size may fall short, and dB by which a quality may be missed.
-_SIZE_TOLERANCE = 0.004
-_PSNR_TOLERANCE = 0.02
-#: Slopes to begin with: a qscale e times as large saves 30 % of the bits and costs 1 dB.
-_SIZE_FALL, _PSNR_FALL = 0.3, 1.0
-_MOST_TRIALS = 12
-#: Shortest and longest stride of the logarithm while the target is not bracketed.
-_STRIDES = 0.01, 1.2
+
+class Target(Protocol):
+    """What the encode of one GOP aims at."""
+
+    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
+        """Fit a key GOP.
+
+        Args:
+            fit: Makes a fit of N Gaussians with a fraction of the effort.
+            gaussians: N, or a first guess.
+            most: Bound of N.
+            timed: Whether a wall time leaves no room for fits that are thrown away.
+        """
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store a fit.
+
+        Args:
+            candidate: The fit.
+            before: Qscale of the GOP that it is predicted from; None = a key GOP.
+        """
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """A value that falls as the qscale grows, and its tolerance."""
+class Count:
+    """So many Gaussians, at the usual qscale."""
 
-    value: float
-    below: float  #: tolerance below the value
-    above: float  #: tolerance above the value
-    fall: float  #: about how much the value falls when the qscale grows by a factor of e
+    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
+        """Fit as many as asked for."""
+        return fit(gaussians, 1.0)
 
-    @classmethod
-    def of_size(cls, size: int) -> Target:
-        """At most `size` bytes, and nearly as many."""
-        return cls(float(size), _SIZE_TOLERANCE * size, 0.0, _SIZE_FALL * size)
-
-    @classmethod
-    def of_psnr(cls, psnr: float) -> Target:
-        """About `psnr` dB."""
-        return cls(psnr, _PSNR_TOLERANCE, _PSNR_TOLERANCE, _PSNR_FALL)
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale of the GOP before, or at the usual one."""
+        return candidate.quantised(candidate.usual_qscale if before is None else before)
 
 
-def find_qscale(measure: Callable[[float], float], target: Target, first: float) -> float:
-    """Return the qscale at which `measure` meets the target.
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A size of the payload."""
 
-    The search is false position over the logarithm of the qscale, with bisection where that
-    stalls. Where the value jumps over the target, the qscale below the target is returned; if the
-    target is out of reach, the nearest end of the range.
+    bytes: int
+    exact: bool = True  #: whether it has to be met; else later GOPs make up for it
 
-    Args:
-        measure: size or quality at a qscale; falls as the qscale grows.
-        target: the value to meet.
-        first: qscale to begin with.
-    """
-    low = high = None  # (log qscale, miss): `low` lies above the target, `high` below it
-    at, push = math.log(first), 1.0
-    middle = target.value + (target.above - target.below) / 2
-    reach = (target.above + target.below) / 2
-    for trial in range(_MOST_TRIALS):
-        miss = measure(math.exp(at)) - middle
-        if abs(miss) <= reach:
-            return math.exp(at)
-        if miss > 0:
-            low = at, miss
-        else:
-            high = at, miss
-        if low is None or high is None:
-            edge = math.log(RATE_CONTROL.coarsest if miss > 0 else RATE_CONTROL.finest)
-            if at == edge:
-                return math.exp(at)
-            stride = min(max(push * abs(miss) / target.fall, _STRIDES[0]), _STRIDES[1])
-            at = min(at + stride, edge) if miss > 0 else max(at - stride, edge)
-            push *= 2
-        else:
-            if (high[0] - low[0]) * target.fall < target.below / 4:
-                break  # the value jumps here, because steps are rounded
-            share = low[1] / (low[1] - high[1]) if trial % 3 else 0.5
-            at = low[0] + min(max(share, 0.05), 0.95) * (high[0] - low[0])
-    return math.exp(high[0] if high else at)
+    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
+        """Fit as many as planned."""
+        return fit(gaussians, 1.0)
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale that meets the size, or near that of the GOP before."""
+        if self.exact:
+            return quantise_to_size(candidate, self.bytes)
+        if before is None:
+            first = RATE_CONTROL.coarser_key * candidate.usual_qscale
+            return quantise_near_size(candidate, self.bytes, first, RATE_CONTROL.key_reach)
+        return quantise_near_size(candidate, self.bytes, before, RATE_CONTROL.reach)
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """A mean PSNR of the decoded frames."""
+
+    psnr: float  #: dB
+
+    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
+        """Fit as many as the quality needs."""
+        refits = 0 if timed else RATE_CONTROL.refits
+        return fit_to_psnr(fit, self.psnr, gaussians, most, refits=refits)
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale that meets the quality."""
+        return quantise_to_psnr(candidate, self.psnr)

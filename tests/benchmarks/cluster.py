@@ -228,7 +228,7 @@ def lost(directory: Path, source: Path) -> None:
 
 def memory(directory: Path, frames: int) -> None:
     """Send frames of 1280x720 and let workers unpack them."""
-    from gsvrcodec.encoder import cluster
+    from gsvrcodec.encoder.run import dask as cluster
 
     source = repeated(directory / "large.mp4", -(-frames // 132))
     unpacking = eval(UNPACKING, {"__name__": "nowhere"})  # sent by value
@@ -256,8 +256,8 @@ def unpacked(data: bytes) -> Any:
     import pickle
 
     from gsvrcodec.bitstream.gop_payload import pack_gop
-    from gsvrcodec.encoder.chain_task import ChainTask, FittedGop
-    from gsvrcodec.encoder.jobs import EncodedGop
+    from gsvrcodec.encoder.chain import ChainTask
+    from gsvrcodec.encoder.results import EncodedGop
     from gsvrcodec.model.attributes import ATTRIBUTES
 
     task: ChainTask = pickle.loads(data)
@@ -270,7 +270,9 @@ def unpacked(data: bytes) -> Any:
         one = making.random_gop(np.random.default_rng(0), 1)
         times = task.frames.pts[number], task.frames.durations[number]
         payload = pack_gop(one, *times, gop.start, bits)
-        found.append(FittedGop(gop, EncodedGop(payload, 30.0, 30.0, 1.0), 1.0))
+        found.append(
+            EncodedGop(frames=gop, psnr=30.0, float_psnr=30.0, seconds=1.0, payload=payload)
+        )
     return found
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import click
 import numpy as np
 
-from gsvrcodec.encoder.executors import AHEAD
+from gsvrcodec.encoder.run.executor import AHEAD
 from tests.benchmarks.markdown import table
 
 

@@ -22,7 +22,9 @@ from statistics import median
 import click
 
 import gsvrcodec
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.gop_cache import GopCache
+from gsvrcodec.limits import Limits
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import backend_on
 from tests.benchmarks import x264
@@ -68,8 +70,9 @@ def render_only(path: Path, threads: int) -> Callable[[], object]:
     with gsvrcodec.open(path) as decoder:
         size = (decoder.metadata.width, decoder.metadata.height)
     backend = backend_on("cpu", threads)
-    cache = GopCache(path, None, backend.prepare)
-    gops = [cache.get(position) for position in range(len(cache.reader.gops))]
+    reader = GsvrReader(path)
+    cache = GopCache(reader, Limits(), backend.prepare)
+    gops = [cache.get(position) for position in range(len(reader.gops))]
     cache.close()
 
     def call() -> None:

@@ -20,6 +20,8 @@ from gsvrcodec.report.compare import report
 from gsvrcodec.report.inspect import inspect_bytes
 from tests.benchmarks.machine import command, commit, machine
 
+#: Of the files that are measured.
+BITSTREAM = "1.0-rc2"
 #: Between two looks at the memory in use, seconds.
 _INTERVAL = 0.2
 
@@ -156,6 +158,7 @@ def document(module: str, common: Mapping[str, Any], rows: Iterable[Any]) -> dic
     return {
         "machine": machine(),
         "commit": commit(),
+        "bitstream": BITSTREAM,
         "load": os.getloadavg()[0],
         "command": command(module),
         "common": dict(common),

@@ -26,10 +26,11 @@ import torch
 
 import gsvrcodec
 from gsvrcodec.errors import GsvrError
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.recipe import MAIN, PAPER
+from gsvrcodec.fit.paper import PAPER
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render import backend_on, render_frames
@@ -123,8 +124,8 @@ def correctness(device: str) -> list[Row]:
         gradients = []
         for place in "cpu", device:
             backend = backend_on(place, blending=blending)
-            field = Field(gop, "hybrid", backend)
-            found = field.gradients(field.tensors(), 0.3, backend.upload(target), coded)
+            parameters = Parameters(gop, "hybrid", backend)
+            found = parameters.gradients(parameters.tensors(), 0.3, backend.upload(target), coded)
             gradients.append({name: gradient.cpu() for name, gradient in found.items()})
         on_cpu, on_gpu = gradients
         rows.append(
@@ -183,12 +184,12 @@ def training(device: str) -> list[Row]:
         frames = render_frames(goal, TAUS, size, size, device=device, blending=blending)
         footage = Footage(np.asarray(frames, np.uint8), TAUS)
         backend = backend_on(device, blending=blending)
-        field = Field(typical_gop(gaussians, size), "hybrid", backend)
+        parameters = Parameters(typical_gop(gaussians, size), "hybrid", backend)
         rng = np.random.default_rng(0)
-        optimise(field, footage, recipe, Effort(20), rng)
+        optimise(parameters, footage, recipe, Effort(20), rng)
         torch.cuda.synchronize(device)
         start = time.perf_counter()
-        optimise(field, footage, recipe, Effort(steps), rng)
+        optimise(parameters, footage, recipe, Effort(steps), rng)
         torch.cuda.synchronize(device)
         pace = steps / (time.perf_counter() - start)
         rows.append(

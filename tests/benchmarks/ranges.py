@@ -15,10 +15,10 @@ from typing import Any
 import click
 import numpy as np
 
+import gsvrcodec
 from gsvrcodec.bitstream.chunk import OVERHEAD_BYTES
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.decoder.decoder import Decoder
 from tests.benchmarks.machine import machine
 from tests.gops import HEADER, make_carried, make_modes, make_payload
 
@@ -55,7 +55,7 @@ def main(minutes: int, seeks: int) -> None:
     read, needed, ranges = [], [], []
     for _ in range(seeks):
         file = Counted(data)
-        with Decoder(file) as decoder:
+        with gsvrcodec.open(file) as decoder:
             frame = draw.randrange(frames)
             decoder.get_frame_at(frame)
         read.append(file.taken)

@@ -24,6 +24,7 @@ from tests.benchmarks.clips import diverged, summary
 from tests.benchmarks.encodes import MemoryWatch, Row, measure
 from tests.benchmarks.interpolation import interpolate
 from tests.benchmarks.page import PAGE, RESULTS, bd_section, clips_section, page
+from tests.benchmarks.readme import README, filled
 from tests.benchmarks.results_read import load
 
 ROW = Row(
@@ -154,6 +155,11 @@ class TestPage:
     def test_it_is_what_the_results_say(self) -> None:
         """If this fails: python -m tests.benchmarks.page."""
         assert (PAGE / "README.md").read_text() == page(load(RESULTS))
+
+    def test_the_readme_is_what_the_results_say(self) -> None:
+        """If this fails: python -m tests.benchmarks.readme."""
+        text = README.read_text("utf-8")
+        assert text == filled(text, load(RESULTS))
 
     def test_rates_are_interpolated(self) -> None:
         points = [(0.02, 33.0), (0.04, 36.0), (0.2, 41.0)]

@@ -13,19 +13,9 @@ import gsvrcodec
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
-from tests.gops import HEADER, make_payload
+from tests.gops import HEADER, make_payload, moved
 
 GOPS, FRAMES = 6250, 16
-
-
-def moved(payload: bytes, gop: int) -> bytes:
-    """The payload as the `gop`th of a film."""
-    changed = bytearray(payload)
-    changed[0:8] = (FRAMES * gop).to_bytes(8, "little")
-    for offset in (16, 24):
-        pts = int.from_bytes(payload[offset : offset + 8], "little") + 40 * FRAMES * gop
-        changed[offset : offset + 8] = pts.to_bytes(8, "little")
-    return bytes(changed)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +25,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tracemalloc.start()
     with path.open("w+b") as file, GsvrWriter(file, HEADER) as writer:
         for gop in range(GOPS):
-            writer.add_gop(moved(payload, gop))
+            writer.add_gop(moved(payload, gop, FRAMES))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert path.stat().st_size > GOPS * (GOP_HEAD_BYTES + 100)

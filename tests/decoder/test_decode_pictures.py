@@ -150,7 +150,7 @@ class TestLayers:
 
     def test_unknown_fails(self, path: Path) -> None:
         with pytest.raises(UsageError, match="one of all, dynamic, static, not 'moving'"):
-            Decoder(path, layers="moving")  # type: ignore[arg-type]
+            gsvrcodec.open(path, layers="moving")  # type: ignore[arg-type]
 
 
 class TestBitDepth:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
-from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.motion import flow_estimator
 from tests import making
 from tests.fit.synthetic import FRAMES, moving_texture, sample
 

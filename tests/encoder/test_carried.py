@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.carried import carried_of, new_of
-from gsvrcodec.fit.anchor import LOOK, Anchor
+from gsvrcodec.encoder.gop import carried_of, new_of
 from gsvrcodec.fit.fitting import Fit
 from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.parameters import LOOK, Anchor
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import (

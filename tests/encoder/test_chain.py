@@ -2,54 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.chain import ChainFrames, chain_jobs, shared_efforts
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.chain import chain_jobs, shared_efforts
+from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.fit.slope import Slope
-from tests.gops import assert_gops_equal, decode_all, make_chain, make_file, make_payload
-
-LENGTHS = (3, 2, 1, 4)
-PAYLOADS = make_chain(LENGTHS)
-RESULTS = [EncodedGop(payload, 30.0, 31.0, 1.5) for payload in PAYLOADS]
-BUDGET = Budget(30)
-
-
-def ranges(lengths: Sequence[int]) -> list[range]:
-    return [range(*pair) for pair in pairwise(accumulate(lengths, initial=0))]
-
-
-def frames_of(lengths: Sequence[int] = LENGTHS) -> ChainFrames:
-    """Frames of which each is of one level, its number."""
-    gops = ranges(lengths)
-    return ChainFrames(
-        gops,
-        [np.stack([np.full((4, 6, 3), number, np.uint8) for number in gop]) for gop in gops],
-        [40 * np.arange(gop.start, gop.stop) for gop in gops],
-        [np.full(len(gop), 40) for gop in gops],
-    )
-
-
-def driven(
-    jobs: Generator[GopJob, EncodedGop, None], results: Sequence[EncodedGop]
-) -> list[GopJob]:
-    """Answer each job with the next result, and return the jobs."""
-    found = [next(jobs)]
-    for result in results:
-        try:
-            found.append(jobs.send(result))
-        except StopIteration:
-            break
-    return found
+from gsvrcodec.fit.target import Quality, Size
+from gsvrcodec.fit.worth import Slope
+from tests.encoder.chains import BUDGET, LENGTHS, PAYLOADS, RESULTS, driven, frames_of, ranges
+from tests.gops import assert_gops_equal, decode_all, encoded, make_file, make_payload
 
 
 def jobs_of(
@@ -104,7 +73,8 @@ class TestJobs:
 
     def test_a_key_gop_may_stand_within(self) -> None:
         """A GOP that was not predicted after all is the reference of the next one as it is."""
-        alone = EncodedGop(make_payload(12, frames=2, first_frame=3), 30.0, 31.0, 0.7)
+        payload = make_payload(12, frames=2, first_frame=3)
+        alone = encoded(range(3, 5), payload, qscale=0.7)
         *_, job = jobs_of([BUDGET] * 3, [RESULTS[0], alone])
         assert job.reference is not None
         assert len(job.reference.gop) == 12
@@ -123,8 +93,8 @@ class TestBytes:
     SIZES = tuple(map(len, PAYLOADS))
 
     def targets(self, *targets: int, finished: int = 0) -> list[int]:
-        jobs = jobs_of([Budget(30, target) for target in targets], finished=finished)
-        return [job.budget.target_bytes or 0 for job in jobs]
+        jobs = jobs_of([Budget(30, Size(target)) for target in targets], finished=finished)
+        return [job.budget.bytes for job in jobs]
 
     def test_what_is_left_goes_on(self) -> None:
         first, second = self.SIZES[:2]
@@ -142,10 +112,12 @@ class TestBytes:
         assert self.targets(10, 10, 10) == [10, 1, 1]
 
     def test_only_the_last_gop_has_to_meet_its_size(self) -> None:
-        jobs = jobs_of([Budget(30, 1000)] * 4)
-        assert [job.budget.exact for job in jobs] == [False, False, False, True]
-        (alone,) = jobs_of([Budget(30, 1000)], [])
-        assert alone.budget.exact
+        jobs = jobs_of([Budget(30, Size(1000))] * 4)
+        targets = [job.budget.target for job in jobs]
+        exact = [isinstance(target, Size) and target.exact for target in targets]
+        assert exact == [False, False, False, True]
+        (alone,) = jobs_of([Budget(30, Size(1000))], [])
+        assert alone.budget.target == Size(1000, exact=True)
 
     def test_finished_gops_count(self) -> None:
         first, second = self.SIZES[:2]
@@ -155,8 +127,8 @@ class TestBytes:
 
 class TestQuality:
     def gaussians(self, float_psnr: float) -> list[int]:
-        results = [EncodedGop(payload, 30.0, float_psnr, 1.0) for payload in PAYLOADS]
-        jobs = jobs_of([Budget(80, target_psnr=30.0)] * 3, results)
+        results = [replace(result, float_psnr=float_psnr) for result in RESULTS]
+        jobs = jobs_of([Budget(80, Quality(30.0))] * 3, results)
         return [job.budget.gaussians for job in jobs]
 
     def test_a_gop_begins_with_the_gaussians_of_its_reference(self) -> None:
@@ -167,15 +139,15 @@ class TestQuality:
         assert low[1] > counts[0] > high[1]
 
     def test_the_quality_stays(self) -> None:
-        jobs = jobs_of([Budget(80, target_psnr=30.0)] * 3)
-        assert {job.budget.target_psnr for job in jobs} == {30.0}
+        jobs = jobs_of([Budget(80, Quality(30.0))] * 3)
+        assert {job.budget.target for job in jobs} == {Quality(30.0)}
 
 
 def test_a_slope_and_its_gaussians_stay() -> None:
-    jobs = jobs_of([Budget(80, slope=Slope(2.0, 500))] * 3)
+    jobs = jobs_of([Budget(80, Slope(2.0, 500))] * 3)
     counts = [len(whole.gop) for whole in decode_all(make_file(PAYLOADS))]
     assert [job.budget.gaussians for job in jobs] == [80, *counts[:2]]
-    assert {job.budget.slope for job in jobs} == {Slope(2.0, 500)}
+    assert {job.budget.target for job in jobs} == {Slope(2.0, 500)}
 
 
 class TestTime:

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 import gsvrcodec
-from gsvrcodec.encoder import cluster, cluster_worker
 from gsvrcodec.encoder.progress import Progress
+from gsvrcodec.encoder.run import dask as cluster
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
 from gsvrcodec.versions import versions
 from tests import making
@@ -193,11 +193,11 @@ class TestRefused:
             gsvrcodec.Cluster(one.address)
 
     def test_other_kernels_are_a_warning(self, caplog: pytest.LogCaptureFixture) -> None:
-        assert cluster_worker.fault("x", versions()) is None
+        assert cluster.fault("x", versions()) is None
         assert not caplog.records
-        assert cluster_worker.fault("x", versions() | {"native core": "avx2"}) is None
+        assert cluster.fault("x", versions() | {"native core": "avx2"}) is None
         assert "a worker has native core avx2, not" in caplog.text
-        assert cluster_worker.fault("x", OSError("why")) is not None
+        assert cluster.fault("x", OSError("why")) is not None
 
     def test_other_work(self) -> None:
         found = gsvrcodec.Cluster.__new__(gsvrcodec.Cluster)

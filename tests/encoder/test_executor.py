@@ -18,15 +18,15 @@ import numpy as np
 import pytest
 
 import gsvrcodec
-from gsvrcodec.encoder.chain_task import ChainTask, encode_chain
+from gsvrcodec.encoder.chain import ChainTask, encode_chain
 from gsvrcodec.encoder.encode import EncodeResult
-from gsvrcodec.encoder.executors import AHEAD, fit_on, threads_of, workers_of
-from gsvrcodec.encoder.packed import packed
 from gsvrcodec.encoder.progress import Progress
+from gsvrcodec.encoder.run.executor import AHEAD, fit_on, threads_of, workers_of
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.source import packed
 from gsvrcodec.errors import InputError, UsageError, WorkerError
 from tests import making
-from tests.encoder.test_chain import BUDGET, LENGTHS, RESULTS, frames_of
+from tests.encoder.chains import BUDGET, LENGTHS, RESULTS, frames_of
 
 #: Two chains of two GOPs.
 SETTINGS: dict[str, Any] = {

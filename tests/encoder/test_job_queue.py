@@ -9,30 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.chain_reader import ReadHere
+from gsvrcodec.encoder.chain import all_tasks, finished_gops, missing_frames
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.job_queue import all_tasks, finished_gops, missing_frames, processes_for
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob
-from gsvrcodec.encoder.lookahead import Lookahead, Section
-from gsvrcodec.encoder.results import GopFigures
+from gsvrcodec.encoder.film import Chain, Section
+from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.lookahead import Lookahead
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.run.local import processes_for
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.source import ReadHere
 from gsvrcodec.errors import InputError
 from gsvrcodec.video import open_video
 from tests import making
-from tests.encoder.test_chain import driven
-from tests.gops import assert_gops_equal, make_chain
+from tests.encoder.chains import driven
+from tests.gops import assert_gops_equal, encoded, make_chain
 
 CHAINS = [[range(4)], [range(4, 7), range(7, 10)], [range(10, 12)]]
 GOPS = [gop for chain in CHAINS for gop in chain]
 BUDGETS = [Budget(10), Budget(20), Budget(21), Budget(30)]
-FIGURES = GopFigures(30.0, 31.0, 1.0, 1.5)
 #: The second chain has two GOPs, the others one.
-RESULTS = [
-    [EncodedGop(payload, 30.0, 31.0, 1.5) for payload in make_chain([3] * len(chain))]
-    for chain in CHAINS
-]
+RESULTS = [list(map(encoded, chain, make_chain([3] * len(chain)))) for chain in CHAINS]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +47,7 @@ def holding(*gops: range) -> Checkpoint:
         for gop, result in zip(chain, own, strict=True)
     }
     for gop in gops:
-        checkpoint.add(gop, FIGURES, results[gop].payload)
+        checkpoint.add(results[gop])
     return checkpoint
 
 
@@ -180,7 +176,7 @@ def test_what_is_missing() -> None:
 def test_processes(
     settings: dict[str, Any], count: int, film: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gsvrcodec.encoder.workers._available_bytes", lambda: 2**40)
+    monkeypatch.setattr("gsvrcodec.encoder.run.local._available_bytes", lambda: 2**40)
     assert processes_of(film, **settings) == (count, 4)
 
 

@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.gop_head import parse_gop_head
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob, Reference, encode_gop
+from gsvrcodec.encoder.gop import GopJob, Reference, encode_gop
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import Pack
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.slope import Slope
+from gsvrcodec.fit.recipe import Deform
+from gsvrcodec.fit.target import Count, Quality, Size, Target
+from gsvrcodec.fit.worth import Slope
 from tests import making
 from tests.fit.synthetic import (
     assert_finite,
@@ -88,7 +90,7 @@ class TestTargets:
     @pytest.mark.parametrize("size", [4000, 9000])
     def test_size(self, size: int) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        job = gop_job(frames, Budget(size // 9, target_bytes=size), first_frame=8)
+        job = gop_job(frames, Budget(size // 9, Size(size)), first_frame=8)
         done = encode_gop(job)
         assert 0.97 * size <= len(done.payload) <= 1.01 * size
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
@@ -96,20 +98,20 @@ class TestTargets:
     @pytest.mark.parametrize(("guess", "wanted"), [(300, 27.0), (20, 29.0), (2000, 28.0)])
     def test_quality(self, guess: int, wanted: float) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        job = gop_job(frames, Budget(guess, target_psnr=wanted))
+        job = gop_job(frames, Budget(guess, Quality(wanted)))
         done = encode_gop(job)
         assert done.psnr == pytest.approx(wanted, abs=0.1)
 
     def test_slope(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        done = encode_gop(gop_job(frames, Budget(400, slope=Slope(2.0, 400))))
+        done = encode_gop(gop_job(frames, Budget(400, Slope(2.0, 400))))
         assert done.qscale == 2.0
         assert 1 < parse_gop_head(done.payload).gaussians < 400
 
     def test_more_bytes_are_better(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 4)
         small, large = (
-            encode_gop(gop_job(frames, Budget(300, target_bytes=size))) for size in (3000, 6000)
+            encode_gop(gop_job(frames, Budget(300, Size(size)))) for size in (3000, 6000)
         )
         assert large.psnr > small.psnr + 0.5
 
@@ -189,20 +191,20 @@ class TestPredicted:
     @pytest.mark.parametrize("share", [0.6, 0.7, 0.8])
     def test_size(self, key: tuple[GopJob, EncodedGop], share: float) -> None:
         size = int(share * len(key[1].payload))
-        job = following(key, self.GOES_ON, Budget(200, target_bytes=size))
+        job = following(key, self.GOES_ON, Budget(200, Size(size)))
         done = encode_gop(job)
         assert 0.9 * size <= len(done.payload) <= 1.02 * size
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
 
     def test_bytes_that_win_nothing_are_left(self, key: tuple[GopJob, EncodedGop]) -> None:
         size = int(1.4 * len(key[1].payload))
-        done = encode_gop(following(key, self.GOES_ON, Budget(200, target_bytes=size)))
+        done = encode_gop(following(key, self.GOES_ON, Budget(200, Size(size))))
         assert len(done.payload) < 0.9 * size
         assert done.float_psnr - done.psnr < 0.2
 
     def test_quality(self, key: tuple[GopJob, EncodedGop]) -> None:
         wanted = encode_gop(following(key, self.GOES_ON)).psnr - 0.5
-        done = encode_gop(following(key, self.GOES_ON, Budget(200, target_psnr=wanted)))
+        done = encode_gop(following(key, self.GOES_ON, Budget(200, Quality(wanted))))
         assert done.psnr == pytest.approx(wanted, abs=0.15)
 
     def test_it_depends_on_its_job_alone(self, key: tuple[GopJob, EncodedGop]) -> None:
@@ -273,10 +275,10 @@ class TestPurity:
         backward = [encode_gop(second).payload, encode_gop(first).payload]
         assert forward == backward[::-1]
 
-    @pytest.mark.parametrize("target", [{}, {"target_bytes": 3000}, {"target_psnr": 24.0}], ids=str)
-    def test_threads_do_not_matter(self, target: dict[str, Any]) -> None:
+    @pytest.mark.parametrize("target", [Count(), Size(3000), Quality(24.0)], ids=str)
+    def test_threads_do_not_matter(self, target: Target) -> None:
         job = self.jobs()[0]
-        job = replace(job, budget=replace(job.budget, **target))
+        job = replace(job, budget=replace(job.budget, target=target))
         payloads = {
             encode_gop(replace(job, settings=replace(job.settings, threads=threads))).payload
             for threads in (1, 2, 3)
@@ -306,7 +308,7 @@ class TestPurity:
     def test_process_does_not_matter(self) -> None:
         code = (
             "import hashlib\n"
-            "from gsvrcodec.encoder.jobs import encode_gop\n"
+            "from gsvrcodec.encoder.gop import encode_gop\n"
             "from tests.encoder.test_jobs import TestPurity\n"
             "print(hashlib.sha256(encode_gop(TestPurity().jobs()[1]).payload).hexdigest())"
         )

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.lookahead import Lookahead
+from gsvrcodec.encoder.lookahead import Lookahead, checksum
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.shared import checksum
 from gsvrcodec.encoder.tuned import LOOKAHEAD
 from gsvrcodec.errors import InputError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video

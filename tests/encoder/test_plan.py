@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.budget import Budget, grid_parameters, most_gaussians
-from gsvrcodec.encoder.plan import plan
+from gsvrcodec.encoder.plan import Budget, grid_parameters, most_gaussians, plan
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import UsageError
-from tests.encoder.test_budget import chains_of
+from gsvrcodec.fit.target import Quality
+from tests.encoder.chains import chains_of
 
 
 class TestChains:
@@ -33,7 +33,7 @@ class TestChains:
 
     def test_bytes(self) -> None:
         budgets = self.plan([16, 16, 16], [16, 16], bpp=0.1)
-        sizes = [budget.target_bytes or 0 for budget in budgets]
+        sizes = [budget.bytes for budget in budgets]
         total = 0.1 * 640 * 360 * 80 / 8 - 900
         assert total - 5 <= sum(sizes) <= total
         # Chains get bytes by their length, and their key GOPs more than the others.
@@ -44,9 +44,9 @@ class TestChains:
 
     def test_what_changes_gets_more(self) -> None:
         idle, wild = (self.plan([16] * 3, changed=changed, bpp=0.1) for changed in (0.0, 1.0))
-        assert (idle[1].target_bytes or 0) < 0.5 * (wild[1].target_bytes or 0)
+        assert idle[1].bytes < 0.5 * wild[1].bytes
         # What is left where little changes is for the key GOP, and for its Gaussians.
-        assert (idle[0].target_bytes or 0) > 1.5 * (wild[0].target_bytes or 0)
+        assert idle[0].bytes > 1.5 * wild[0].bytes
         assert idle[0].gaussians > 1.5 * wild[0].gaussians
 
     def test_what_changes_takes_longer(self) -> None:
@@ -71,8 +71,8 @@ class TestChains:
         # Where little changes, most Gaussians are kept and take no time.
         assert gaussians(time_budget=0.2, changed=0.0) > 3 * short
         # The bytes stay as they are.
-        assert self.plan([8, 8], bpp=0.5, time_budget=0.2)[0].target_bytes == (
-            self.plan([8, 8], bpp=0.5)[0].target_bytes
+        assert self.plan([8, 8], bpp=0.5, time_budget=0.2)[0].bytes == (
+            self.plan([8, 8], bpp=0.5)[0].bytes
         )
 
     def test_all_gops_of_a_chain_have_as_many_gaussians(self) -> None:
@@ -92,12 +92,11 @@ class TestChains:
         assert slopes[0] is not None
         assert slopes[0].lasting > 1.3  # another GOP builds on it
         assert [slope and slope.lasting for slope in slopes[1:]] == [1.0, 1.0]
-        assert {(b.target_bytes, b.target_psnr) for b in budgets} == {(None, None)}
         assert self.plan([16], crf=20)[0].gaussians > 1.5 * self.plan([16], crf=26)[0].gaussians
 
     def test_a_quality_is_that_of_every_gop(self) -> None:
         budgets = self.plan([16, 16], target_psnr=35)
-        assert {(budget.target_psnr, budget.target_bytes) for budget in budgets} == {(35, None)}
+        assert {budget.target for budget in budgets} == {Quality(35)}
 
     def test_predicted_gops_have_a_coarse_grid(self) -> None:
         grids = [budget.grid for budget in self.plan([20, 20], bpp=0.4)]
@@ -144,7 +143,7 @@ class TestPlan:
         ],
     )
     def test_the_file_is_used_up(self, settings: dict[str, Any], total: float) -> None:
-        sizes = [budget.target_bytes or 0 for budget in self.budgets(9, 2, 30, **settings)]
+        sizes = [budget.bytes for budget in self.budgets(9, 2, 30, **settings)]
         assert total - 1000 - 3 <= sum(sizes) <= total - 1000
 
     def test_copied_streams_count_for_the_size_alone(self) -> None:
@@ -159,7 +158,7 @@ class TestPlan:
                     seconds=1.0,
                     overhead=1000,
                     streams=streams,
-                )[0].target_bytes
+                )[0].bytes
                 for streams in (0, 20_000)
             ]
             assert (sizes[0] or 0) - (sizes[1] or 0) == less
@@ -168,11 +167,11 @@ class TestPlan:
         static, moving = self.budgets(1, 50, bpp=0.2)
         assert 1.3 * static.gaussians < moving.gaussians
         static, wild = self.budgets(1, 1e9, bpp=0.2)
-        assert (wild.target_bytes or 0) < 20 * (static.target_bytes or 0)
+        assert wild.bytes < 20 * static.bytes
 
     def test_a_quality_is_the_same_for_all(self) -> None:
         static, moving = self.budgets(1, 30, target_psnr=36.0)
-        assert static.target_psnr == moving.target_psnr == 36.0
+        assert static.target == moving.target == Quality(36.0)
         assert static.gaussians < moving.gaussians
         assert self.budgets(1, target_psnr=38.0)[0].gaussians > static.gaussians
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import pytest
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.progress import Meter, Progress
-from gsvrcodec.encoder.results import GopFigures
-from gsvrcodec.encoder.slicing import Chain
+from gsvrcodec.encoder.results import EncodedGop
 
 GOPS = [range(4), range(4, 10), range(10, 12)]
 
@@ -21,23 +21,23 @@ class Film:
     complete: bool = True
 
 
-def figures(psnr: float) -> GopFigures:
-    return GopFigures(psnr, psnr, 1.0)
+def done(gop: range, psnr: float) -> EncodedGop:
+    return EncodedGop(frames=gop, psnr=psnr, float_psnr=psnr, seconds=1.0)
 
 
 def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now, calls = 100.0, list[Progress]()
     monkeypatch.setattr("time.perf_counter", lambda: now)
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
-        checkpoint.add(GOPS[0], figures(30.0), b"")
+        checkpoint.add(done(GOPS[0], 30.0))
         film = Film(GOPS[:2], [GOPS[:2]], complete=False)
         meter = Meter(film, checkpoint, 90.0, calls.append, 11, lambda: 3)
         meter.report()
         film.gops, film.chains, film.complete = GOPS, [GOPS[:2], GOPS[2:]], True
-        checkpoint.add(GOPS[2], figures(36.0), b"")
+        checkpoint.add(done(GOPS[2], 36.0))
         meter.report()
         now = 110.0
-        checkpoint.add(GOPS[1], figures(33.0), b"")
+        checkpoint.add(done(GOPS[1], 33.0))
         meter.report()
     assert [call.gop for call in calls] == [1, 2, 3]
     assert [call.chains_done for call in calls] == [0, 1, 2]
@@ -58,7 +58,7 @@ def test_a_film_of_unknown_length_has_no_eta() -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         film = Film(GOPS[:2], [GOPS[:2]], complete=False)
         meter = Meter(film, checkpoint, 0.0, calls.append)
-        checkpoint.add(GOPS[0], figures(30.0), b"")
+        checkpoint.add(done(GOPS[0], 30.0))
         meter.report()
         film.complete = True
         meter.report()

@@ -18,10 +18,10 @@ from gsvrcodec.encoder.rate import (
     visited_frames,
 )
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, CRF, RATE
-from gsvrcodec.fit.precision import bit_worth
+from gsvrcodec.encoder.tuned import ANALYSIS, CRF, RATE
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
-from tests.encoder.test_budget import chains_of
+from gsvrcodec.fit.worth import bit_worth
+from tests.encoder.chains import chains_of
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
 SIZE = (320, 180)
@@ -31,18 +31,20 @@ class TestBitWeights:
     def test_they_follow_what_changes(self) -> None:
         stats = [FrameStats(0.0, False, changed=(0.25 * (n // 4),) * 5) for n in range(12)]
         (chain,) = chains_of([4, 4, 4])
-        first, second, third = bit_weights(chain, stats, 36.0)
-        assert first == 1
-        assert second == pytest.approx(CHAIN.idle_bits + 0.25 * CHAIN.changing_bits)
-        assert third == pytest.approx(CHAIN.idle_bits + 0.5 * CHAIN.changing_bits)
+        key, second, third = bit_weights(chain, stats, 36.0)
+        still = [FrameStats(0.0, False, changed=(0.0,) * 5)] * 12
+        idle = bit_weights(chain, still, 36.0)[2]
+        assert 0 < idle < second < third < key == 1
+        assert third - second == pytest.approx(second - idle)
 
     def test_more_changes_at_a_higher_quality(self) -> None:
         assert ANALYSIS.qualities[:2] == (28, 32)
         stats = [FrameStats(0.0, False, changed=(0.1, 0.3, 0.5, 0.7, 0.9))] * 8
         (chain,) = chains_of([4, 4])
         weights = [bit_weights(chain, stats, psnr)[1] for psnr in (20, 28, 30, 32, 44, 60)]
-        shares = [(weight - CHAIN.idle_bits) / CHAIN.changing_bits for weight in weights]
-        assert shares == pytest.approx([0.1, 0.1, 0.2, 0.3, 0.9, 0.9])
+        low, first, between, second, high, highest = weights
+        assert low == first < second < high == highest
+        assert between == pytest.approx((first + second) / 2)
 
     def test_they_follow_the_complexity(self) -> None:
         (chain,) = chains_of([4, 4])
@@ -50,7 +52,7 @@ class TestBitWeights:
             bit_weights(chain, [*STATS[:4], *[FrameStats(0.1, False, change, 300.0)] * 4], 36.0)[1]
             for change in (5.0, 80.0)
         )
-        assert easy == pytest.approx(CHAIN.idle_bits + CHAIN.changing_bits)
+        assert 0.5 < easy < 1
         assert hard > 1.2 * easy
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import FrozenInstanceError, fields
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 
-from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeSettings
+import gsvrcodec
+from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeOptions, EncodeSettings
 from gsvrcodec.errors import UsageError
 
 
@@ -64,7 +65,15 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"flow": "farneback"}, "`flow` must be one of dis, raft"),
         ({"pack": "zip"}, "`pack` must be one of auto, entropy, jxl, png, deflate"),
         ({"gop": "shot"}, "`gop` must be 'adaptive' or a number of frames"),
+        ({"gop": 12.5}, "`gop` must be 'adaptive' or a number of frames, not 12.5"),
         ({"gop": 0}, "`gop` must be at least 1"),
+        ({"crf": "high"}, "`crf` must be a number, not 'high'"),
+        ({"crf": True}, "`crf` must be a number, not True"),
+        ({"frames": 2.5}, "`frames` must be a whole number, not 2.5"),
+        ({"keyint": None}, "`keyint` must be a number, not None"),
+        ({"audio": "no"}, "`audio` must be True or False, not 'no'"),
+        ({"device": 0}, "`device` must be text, not 0"),
+        ({"crop": "64:48"}, "`crop` must be \\(width, height, x, y\\) in pixels, .*, not '64:48'"),
         ({"gop_min": 0}, "`gop_min` must be at least 1"),
         ({"params": 0}, "`params` must be at least 1"),
         ({"gaussians": -5}, "`gaussians` must be at least 1, not -5"),
@@ -104,6 +113,22 @@ def test_constant_quality_unless_a_size_is_given(
 ) -> None:
     chosen = EncodeSettings(**settings)
     assert chosen.quality == chosen.recorded()["crf"] == quality
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("prset", "`prset` is not an argument of `encode`; did you mean `preset`\\?"),
+        ("quality", "`quality` is not an argument of `encode`"),
+    ],
+)
+def test_unknown(name: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        gsvrcodec.encode("film.mp4", **{name: "fast"})  # type: ignore[arg-type]
+
+
+def test_editors_know_each_argument() -> None:
+    assert get_type_hints(EncodeOptions) == get_type_hints(EncodeSettings)
 
 
 def test_frozen() -> None:

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.encoder.shared import SharedPictures, SharedSource, checksum
+from gsvrcodec.encoder.lookahead import checksum
+from gsvrcodec.encoder.source import SharedPictures, SharedSource
 from gsvrcodec.errors import InputError
 from gsvrcodec.video import SourceFrame, VideoReader, open_video
 from tests import making
-from tests.video.test_video_sources import fields, h264
+from tests.video.sources import fields, h264
 
 
 def frames_of(path: Path, **options: Any) -> list[SourceFrame]:

@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.slicing import Chain, ChainLimits, GopLimits, slice_gops
+from gsvrcodec.encoder.film import Chain, ChainLimits, GopLimits, slice_gops
 
 STATS = st.lists(
     st.builds(

@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.rate import expected_bpp
+from gsvrcodec.encoder.film import ChainLimits, GopLimits
+from gsvrcodec.encoder.rate import expected_bpp, limits, structure
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.slicing import ChainLimits, GopLimits
-from gsvrcodec.encoder.structure import limits, structure
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
@@ -27,11 +26,11 @@ def found(**settings: Any) -> tuple[GopLimits, ChainLimits | None]:
 @pytest.mark.parametrize(
     ("settings", "frames"),
     [
-        ({}, CHAIN.longest),
-        ({"bpp": 0.2}, CHAIN.longest),
-        ({"bpp": CHAIN.longer_bpp / 1.5}, round(1.5**CHAIN.longest_power * CHAIN.longest)),
-        ({"bpp": 0.001}, round(CHAIN.longer**CHAIN.longest_power * CHAIN.longest)),
-        ({"target_psnr": 45.0}, CHAIN.longest),
+        ({}, 24),
+        ({"bpp": 0.2}, 24),
+        ({"bpp": 0.03}, 64),
+        ({"bpp": 0.001}, 127),
+        ({"target_psnr": 45.0}, 24),
         ({"gop_min": 40}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
     ],

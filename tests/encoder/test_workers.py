@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.chain import starts
+from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.run.local import fit_gops, processes
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.workers import fit_gops, processes, starts
 from gsvrcodec.errors import WorkerError
 
 FRAMES = 3
@@ -54,7 +56,7 @@ def chains(*lengths: int) -> Iterator[Generator[GopJob, EncodedGop, None]]:
 
 def payloads(workers: int, threads: int) -> dict[int, bytes]:
     fitted = fit_gops(chains(2, 1, 3), workers, threads)
-    return {done.frames.start: done.gop.payload for done in fitted}
+    return {done.frames.start: done.payload for done in fitted}
 
 
 def children() -> set[int]:
@@ -88,7 +90,7 @@ def test_the_gops_of_a_chain_come_in_order(workers: int) -> None:
             seen.append((FRAMES * number, result.payload))
 
     found = [
-        (done.frames.start, done.gop.payload)
+        (done.frames.start, done.payload)
         for done in fit_gops((watched(first) for first in (0, 3)), workers, workers)
     ]
     for part in (seen, found):
@@ -176,7 +178,7 @@ def test_processes(
     count: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("gsvrcodec.encoder.workers._available_bytes", lambda: 16 * 10**9)
+    monkeypatch.setattr("gsvrcodec.encoder.run.local._available_bytes", lambda: 16 * 10**9)
     found = processes(
         wanted,
         4,

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
-from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
+from gsvrcodec.fit.recipe import Deform
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import Look, last_look, start_of_motion
 from tests import making
@@ -37,11 +36,11 @@ def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
     return reference, anchor, small(carried + new, 4)
 
 
-def predicted(deform: Deform = "hybrid") -> Field:
+def predicted(deform: Deform = "hybrid") -> Parameters:
     _, anchor, stored = example(CARRIED)
-    return Field(stored, deform, BACKEND, anchor=anchor)
+    return Parameters(stored, deform, BACKEND, anchor=anchor)
 
 
-def key() -> Field:
+def key() -> Parameters:
     gop = making.random_gop(np.random.default_rng(1), 28)
-    return Field(gop, "hybrid", BACKEND)
+    return Parameters(gop, "hybrid", BACKEND)

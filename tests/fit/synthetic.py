@@ -16,11 +16,12 @@ import torch
 
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
-from gsvrcodec.encoder.budget import Budget
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob
+from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage, Frames
+from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.time import normalised_time
@@ -130,22 +131,22 @@ def footage(frames: Frames, background: Gop | None = None) -> Footage:
 
 def assert_finite(gop: Gop) -> None:
     """Every number is one."""
-    for field in fields(Gop):
-        assert np.isfinite(getattr(gop, field.name)).all(), field.name
+    for parameters in fields(Gop):
+        assert np.isfinite(getattr(gop, parameters.name)).all(), parameters.name
 
 
 def assert_gradients_of_the_reference(
-    field: Field,
+    parameters: Parameters,
     exact: Mapping[str, torch.Tensor],
     leaves: Mapping[str, torch.Tensor],
     tau: float,
     picture: Frames,
     coded_size: tuple[int, int],
 ) -> None:
-    """A field's error against a picture (h, w, 3) and its gradients are the float64 renderer's.
+    """Error against a picture (h, w, 3) and gradients are the float64 renderer's.
 
     `exact` are the decoder's parameters in binary64, computed from `leaves`, which are those of
-    `field.raw`.
+    `parameters.raw`.
     """
     size = picture.shape[1], picture.shape[0]
     frame = render(exact, tau, size, coded_size)
@@ -153,10 +154,10 @@ def assert_gradients_of_the_reference(
     reference = (shown - torch.from_numpy(picture) / 255).square().mean()
     theirs = torch.autograd.grad(reference, list(leaves.values()))
 
-    error, _ = BACKEND.squared_error(field.tensors(), tau, picture, coded_size)
+    error, _ = BACKEND.squared_error(parameters.tensors(), tau, picture, coded_size)
     assert error == pytest.approx(reference.item(), rel=1e-4)
-    ours = field.gradients(field.tensors(), tau, picture, coded_size)
-    assert ours.keys() == field.raw.keys()
+    ours = parameters.gradients(parameters.tensors(), tau, picture, coded_size)
+    assert ours.keys() == parameters.raw.keys()
     for (name, one), other in zip(ours.items(), theirs, strict=True):
         missed = (one.double() - other).norm() / other.norm().clamp(min=1e-12)
         assert missed < 1e-3, name

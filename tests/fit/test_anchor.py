@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.field import Field
+from gsvrcodec.fit.parameters import LOOK, Parameters
 from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import (
@@ -93,25 +92,27 @@ class TestGaussians:
 class TestField:
     def test_it_begins_with_what_is_stored(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         drawn = anchor.gop(stored)
         for name in {*Gop.__slots__} - {"indicator"}:
-            np.testing.assert_allclose(getattr(field.gop(), name), getattr(drawn, name), atol=2e-6)
             np.testing.assert_allclose(
-                getattr(field.stored(), name), getattr(stored, name), atol=4e-6
+                getattr(parameters.gop(), name), getattr(drawn, name), atol=2e-6
             )
-        assert field.carried is not None
-        np.testing.assert_array_equal(field.carried.numpy()[:, 0], [1] * 20 + [0] * 8)
+            np.testing.assert_allclose(
+                getattr(parameters.stored(), name), getattr(stored, name), atol=4e-6
+            )
+        assert parameters.carried is not None
+        np.testing.assert_array_equal(parameters.carried.numpy()[:, 0], [1] * 20 + [0] * 8)
 
     @pytest.mark.parametrize("tau", [-1.0, 0.4])
     def test_gradients_are_those_of_the_reference_renderer(self, tau: float) -> None:
         """Of the error in what is stored: changes move a picture as the values themselves do."""
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         picture = np.random.default_rng(2).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
 
         # The anchor's equations again, in binary64 and by themselves.
-        raw = {name: tensor.double() for name, tensor in field.raw.items()}
+        raw = {name: tensor.double() for name, tensor in parameters.raw.items()}
         leaves = {name: tensor.requires_grad_() for name, tensor in raw.items()}
         exact = leaves | {"indicator": torch.sigmoid(leaves["indicator"])}
         for name in LOOK:
@@ -119,20 +120,20 @@ class TestField:
         way = anchor.start * leaves["linear"] + anchor.start**2 * leaves["quadratic"]
         exact["position"] = exact["position"] - torch.from_numpy(anchor.carried)[:, None] * way
         exact = {name: exact[name] for name in Gop.__slots__}
-        assert_gradients_of_the_reference(field, exact, leaves, tau, picture, SIZE)
+        assert_gradients_of_the_reference(parameters, exact, leaves, tau, picture, SIZE)
 
     def test_renewed_gaussians_are_new_and_as_others_are(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-        before = field.gop()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        before = parameters.gop()
         chosen, like = np.array([1, 2]), np.array([5, 9])
-        field.renew(chosen, like, colour=np.zeros((2, 3), np.float32))
-        after = field.gop()
-        assert field.carried is not None
-        assert not field.carried.numpy()[chosen].any()
+        parameters.renew(chosen, like, colour=np.zeros((2, 3), np.float32))
+        after = parameters.gop()
+        assert parameters.carried is not None
+        assert not parameters.carried.numpy()[chosen].any()
         assert not after.colour[chosen].any()
-        assert field.anchor is not None
-        assert (field.anchor.source[chosen] == -1).all()
+        assert parameters.anchor is not None
+        assert (parameters.anchor.source[chosen] == -1).all()
         for name in ("log_scale", "rotation", "linear", "quadratic", "position"):
             np.testing.assert_allclose(
                 getattr(after, name)[chosen], getattr(before, name)[like], atol=2e-6
@@ -143,11 +144,11 @@ class TestField:
 
     def test_frozen_looks_are_held(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         frozen = np.arange(28) % 3 == 0
-        field.freeze(frozen)
-        gradients = {name: torch.ones_like(tensor) for name, tensor in field.raw.items()}
-        field.hold(gradients)
+        parameters.freeze(frozen)
+        gradients = {name: torch.ones_like(tensor) for name, tensor in parameters.raw.items()}
+        parameters.hold(gradients)
         for name, gradient in gradients.items():
             held = gradient.numpy() == 0
             if name in LOOK:
@@ -157,23 +158,25 @@ class TestField:
 
     def test_another_order_is_the_same_picture(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-        before = field.gop()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        before = parameters.gop()
         order = np.random.default_rng(0).permutation(28)
-        field.rearrange(order)
+        parameters.rearrange(order)
         for name in LOOK:
-            np.testing.assert_array_equal(getattr(field.gop(), name), getattr(before, name)[order])
+            np.testing.assert_array_equal(
+                getattr(parameters.gop(), name), getattr(before, name)[order]
+            )
 
     def test_steps_of_motion_turn_about_the_canonical_position(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-        before = field.gop()
-        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        before = parameters.gop()
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in parameters.raw.items()}
         gradients["position"] += torch.tensor([1.0, -2.0])
-        with field.about_middle(gradients):
-            field.raw["linear"] += 0.3
-            field.raw["quadratic"] -= 0.1
-        after = field.gop()
+        with parameters.about_middle(gradients):
+            parameters.raw["linear"] += 0.3
+            parameters.raw["quadratic"] -= 0.1
+        after = parameters.gop()
         np.testing.assert_allclose(after.position, before.position, atol=1e-6)
         np.testing.assert_allclose(after.linear, before.linear + 0.3, atol=1e-6)
         # A canonical position that stays moves what is stored: by `start` for linear motion.
@@ -183,11 +186,11 @@ class TestField:
 
     def test_opacities_are_bounded_as_they_are_drawn(self) -> None:
         _, anchor, stored = example()
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-        field.raw["log_opacity"][::2] += 50
-        field.raw["log_opacity"][1::2] -= 50
-        field.limit()
-        drawn = field.gop().log_opacity
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        parameters.raw["log_opacity"][::2] += 50
+        parameters.raw["log_opacity"][1::2] -= 50
+        parameters.limit()
+        drawn = parameters.gop().log_opacity
         np.testing.assert_allclose(drawn[::2], OPACITY.most, atol=1e-5)
         np.testing.assert_allclose(drawn[1::2], -OPACITY.most, atol=1e-5)
 
@@ -195,8 +198,10 @@ class TestField:
         _, anchor, stored = example()
         anchor.look.log_opacity[:2] = [8, -8]
         stored.log_opacity[:] = 0
-        field = Field(stored, "hybrid", BACKEND, anchor=anchor)
-        field.limit()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        parameters.limit()
         bound = OPACITY.most
-        np.testing.assert_allclose(field.gop().log_opacity[:2], [bound, -bound], atol=1e-5)
-        assert not field.raw["log_opacity"][2:].any()  # what lies within stays exactly unchanged
+        np.testing.assert_allclose(parameters.gop().log_opacity[:2], [bound, -bound], atol=1e-5)
+        assert not parameters.raw["log_opacity"][
+            2:
+        ].any()  # what lies within stays exactly unchanged

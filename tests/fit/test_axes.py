@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from gsvrcodec.fit.axes import Axes
+from gsvrcodec.fit.adam import Axes
 from tests.render import examples
 
 SIZE = (40, 30)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.effect import effects, losses
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.sensitivity import sensitivities
-from gsvrcodec.fit.static import still
+from gsvrcodec.fit.precision import sensitivities, still
+from gsvrcodec.fit.relocate import effects, losses
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, select_gaussians, static_gop
 from tests.fit.synthetic import BACKEND, footage

@@ -10,9 +10,10 @@ import torch
 
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_torch_thread
 from gsvrcodec.fit.footage import Footage
-from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.slope import Slope
+from gsvrcodec.fit.paper import fit_as_published
+from gsvrcodec.fit.recipe import FitOptions
 from gsvrcodec.fit.tuned import EFFORT, STAGED
+from gsvrcodec.fit.worth import Slope
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render import render_frames
@@ -38,7 +39,8 @@ def fitted(
 ) -> Fit:
     chosen, effort = options or FitOptions(), allowance or Allowance(150, None)
     grid = (0, 0, 0) if chosen.deform == "polynomial" else GRID
-    return fit_gop(shots, gaussians, grid, chosen, effort, BACKEND, seed=(seed, 7))
+    fit = fit_as_published if chosen.profile == "paper" else fit_gop
+    return fit(shots, gaussians, grid, chosen, effort, BACKEND, seed=(seed, 7))
 
 
 class TestFit:

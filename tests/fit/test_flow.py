@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.flow import flow_estimator, lengths, resize
+from gsvrcodec.fit.motion import flow_estimator, lengths, resize
 from tests.fit.synthetic import moving_texture
 
 

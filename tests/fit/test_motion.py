@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.flow import FlowEstimator, Image, flow_estimator
-from gsvrcodec.fit.motion import Tracker
+from gsvrcodec.fit.motion import FlowEstimator, Image, Tracker, flow_estimator
 from tests.fit.synthetic import moving_texture, times
 
 STILL = np.zeros((20, 30, 3), np.uint8)

@@ -10,23 +10,22 @@ import numpy as np
 import pytest
 from torch import Tensor
 
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.optimise import Effort, optimise, visits
-from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
+from gsvrcodec.fit.paper import PAPER, random_start
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
-from gsvrcodec.fit.slope import Slope
-from gsvrcodec.fit.start import random_start
+from gsvrcodec.fit.worth import Slope
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, sample, times
 
 
-def quality(field: Field, frames: Frames) -> float:
+def quality(parameters: Parameters, frames: Frames) -> float:
     """Return the mean PSNR, dB."""
     size = frames.shape[2], frames.shape[1]
-    shown = render_frames(field.gop(), times(len(frames)), size, size)
+    shown = render_frames(parameters.gop(), times(len(frames)), size, size)
     return float(np.mean([making.psnr(a, b) for a, b in zip(frames, shown, strict=True)]))
 
 
@@ -37,14 +36,14 @@ def fitted(
     recipe: Recipe = MAIN,
     deform: Deform = "hybrid",
     quantise: Callable[[dict[str, Tensor]], dict[str, Tensor]] | None = None,
-) -> tuple[Field, float]:
-    """Return a fitted field, and how much PSNR it won from a random start."""
+) -> tuple[Parameters, float]:
+    """Return a fitted parameters, and how much PSNR it won from a random start."""
     rng = np.random.default_rng(0)
     grid = (0, 0, 0) if deform == "polynomial" else (8, 6, len(frames))
-    field = Field(random_start(frames, 150, grid, rng), deform, BACKEND)
-    before = quality(field, frames)
+    parameters = Parameters(random_start(frames, 150, grid, rng), deform, BACKEND)
+    before = quality(parameters, frames)
     optimise(
-        field,
+        parameters,
         footage(frames),
         recipe,
         Effort(steps),
@@ -52,8 +51,8 @@ def fitted(
         quantise=quantise,
         quantise_from=0.5,
     )
-    assert_finite(field.gop())
-    return field, quality(field, frames) - before
+    assert_finite(parameters.gop())
+    return parameters, quality(parameters, frames) - before
 
 
 @pytest.mark.parametrize("deform", get_args(Deform))
@@ -70,8 +69,8 @@ def test_more_steps_are_better() -> None:
 
 @pytest.mark.parametrize("level", [0, 255])
 def test_flat_pictures(level: int) -> None:
-    field, _ = fitted(np.full((3, 40, 56, 3), level, np.uint8), 150)
-    assert quality(field, np.full((3, 40, 56, 3), level, np.uint8)) > 20
+    parameters, _ = fitted(np.full((3, 40, 56, 3), level, np.uint8), 150)
+    assert quality(parameters, np.full((3, 40, 56, 3), level, np.uint8)) > 20
 
 
 def test_quantiser_is_applied_late() -> None:
@@ -106,17 +105,17 @@ class TestPruning:
         """Return the number of Gaussians after each step of a fit that begins with 150."""
         frames = sample(making.BUNNY_SMALL, (96, 64), 4)
         start = random_start(frames, 150, (8, 6, 4), np.random.default_rng(0))
-        field = Field(start, "hybrid", BACKEND)
+        parameters = Parameters(start, "hybrid", BACKEND)
         counts: list[int] = []
 
         class Counting(Effort):
             def advance(self) -> None:
                 super().advance()
-                counts.append(len(field.raw["position"]))
+                counts.append(len(parameters.raw["position"]))
 
         rng = np.random.default_rng(0)
-        optimise(field, footage(frames), recipe, Counting(40), rng, slope=slope)
-        assert_finite(field.gop())
+        optimise(parameters, footage(frames), recipe, Counting(40), rng, slope=slope)
+        assert_finite(parameters.gop())
         return counts
 
     def test_what_is_not_worth_its_bits_leaves_in_time(self) -> None:
@@ -147,8 +146,8 @@ def test_relocations_wait_until_gaussians_have_settled(
 
     monkeypatch.setattr("gsvrcodec.fit.optimise.relocate", noting)
     recipe = replace(MAIN, relocations=(0.1, 0.2, 0.4, 0.6), settling=settling)
-    field = Field(start, "hybrid", BACKEND)
-    optimise(field, footage(frames), recipe, effort, np.random.default_rng(0))
+    parameters = Parameters(start, "hybrid", BACKEND)
+    optimise(parameters, footage(frames), recipe, effort, np.random.default_rng(0))
     assert found == times
 
 
@@ -159,22 +158,22 @@ class TestRates:
         for scale in (1, 2):
             frames = sample(making.BUNNY_SMALL, (64 * scale, 48 * scale), 2)
             start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
-            field = Field(start, "polynomial", BACKEND)
-            reorder(field, (64 * scale, 48 * scale))
-            before = field.gop().linear
-            optimise(field, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
-            moved = np.abs(field.gop().linear - before).max(axis=0) * (32, 24) * scale
+            parameters = Parameters(start, "polynomial", BACKEND)
+            reorder(parameters, (64 * scale, 48 * scale))
+            before = parameters.gop().linear
+            optimise(parameters, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
+            moved = np.abs(parameters.gop().linear - before).max(axis=0) * (32, 24) * scale
             np.testing.assert_allclose(moved, first, rtol=1e-3)
 
     def test_positions_move_in_proportion_to_scales(self) -> None:
         frames = sample(making.BUNNY_SMALL, (64, 48), 1)
         start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
         start.log_scale[:] = np.log([[1.0], [2.0]]).repeat(30, axis=0)
-        field = Field(start, "polynomial", BACKEND)
-        reorder(field, (64, 48))
-        before = field.gop()
-        optimise(field, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
-        moved = np.linalg.norm((field.gop().position - before.position) * (32, 24), axis=1)
+        parameters = Parameters(start, "polynomial", BACKEND)
+        reorder(parameters, (64, 48))
+        before = parameters.gop()
+        optimise(parameters, footage(frames), MAIN, Effort(1), np.random.default_rng(0))
+        moved = np.linalg.norm((parameters.gop().position - before.position) * (32, 24), axis=1)
         large = before.log_scale[:, 0] > 0.5
         rate = first_rate("position")
         # Adam's first step has the length of its rate along each axis.
@@ -186,12 +185,12 @@ class TestRates:
         start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
         moves = []
         for steps in (1, 2):
-            field = Field(start, "polynomial", BACKEND)
-            reorder(field, (64, 48))
-            before = field.gop().colour
+            parameters = Parameters(start, "polynomial", BACKEND)
+            reorder(parameters, (64, 48))
+            before = parameters.gop().colour
             recipe = replace(MAIN, decay=lambda spent: 1.0, relocations=())
-            optimise(field, footage(frames), recipe, Effort(steps), np.random.default_rng(0))
-            moves.append(np.abs(field.gop().colour - before).max())
+            optimise(parameters, footage(frames), recipe, Effort(steps), np.random.default_rng(0))
+            moves.append(np.abs(parameters.gop().colour - before).max())
         assert moves[1] == pytest.approx(3 * moves[0], rel=0.1)
 
     def test_long_fits_go_slower(self) -> None:
@@ -204,11 +203,11 @@ class TestRates:
                     return float(self.steps > 0)
 
             start = random_start(frames, 60, (0, 0, 0), np.random.default_rng(0))
-            field = Field(start, "polynomial", BACKEND)
-            reorder(field, (64, 48))
-            before = field.gop().colour
-            optimise(field, footage(frames), MAIN, Once(steps), np.random.default_rng(0))
-            return float(np.abs(field.gop().colour - before).max())
+            parameters = Parameters(start, "polynomial", BACKEND)
+            reorder(parameters, (64, 48))
+            before = parameters.gop().colour
+            optimise(parameters, footage(frames), MAIN, Once(steps), np.random.default_rng(0))
+            return float(np.abs(parameters.gop().colour - before).max())
 
         rated = int(MAIN.rated_steps)
         assert first_move(rated // 7) == pytest.approx(first_move(rated))

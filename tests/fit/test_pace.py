@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.optimise import Adam
-from gsvrcodec.fit.pace import paces
-from gsvrcodec.fit.recipe import MAIN, PAPER, PREDICTED
+from gsvrcodec.fit.adam import Adam, paces
+from gsvrcodec.fit.paper import PAPER
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.recipe import MAIN, PREDICTED
 from tests.fit.anchored import CARRIED, key, predicted
 from tests.fit.synthetic import BACKEND
 
@@ -30,11 +30,11 @@ def test_new_gaussians_are_faster() -> None:
 
 
 def test_fast_motion_has_larger_rates() -> None:
-    field = key()
-    field.raw["linear"].zero_()
-    field.raw["linear"][1] = torch.tensor([0.03, 0.08])  # 3 and 4 px
-    field.raw["linear"][2] = torch.tensor([100.0, 0.0])
-    found = paces(field, replace(MAIN, fast=3.0, fast_px=2.0), SIZE)
+    parameters = key()
+    parameters.raw["linear"].zero_()
+    parameters.raw["linear"][1] = torch.tensor([0.03, 0.08])  # 3 and 4 px
+    parameters.raw["linear"][2] = torch.tensor([100.0, 0.0])
+    found = paces(parameters, replace(MAIN, fast=3.0, fast_px=2.0), SIZE)
     assert set(found) == {"linear", "quadratic"}
     for pace in found.values():
         np.testing.assert_allclose(pace[:4, 0], [1, 1 + 3 * 5 / 7, 4, 1], atol=2e-3)
@@ -42,13 +42,13 @@ def test_fast_motion_has_larger_rates() -> None:
 
 def test_a_pace_is_a_factor_of_the_step() -> None:
     def steps(pace: float | None) -> dict[str, torch.Tensor]:
-        field: Field = key()
-        before = {name: tensor.clone() for name, tensor in field.raw.items()}
+        parameters: Parameters = key()
+        before = {name: tensor.clone() for name, tensor in parameters.raw.items()}
         rng = torch.Generator().manual_seed(1)
         gradients = {name: torch.randn(t.shape, generator=rng) for name, t in before.items()}
         given = None if pace is None else {"position": torch.tensor(pace).expand(28, 1)}
-        Adam(field.raw, MAIN, SIZE, BACKEND).step(gradients, 0.1, field.tensors(), given)
-        return {name: field.raw[name] - before[name] for name in before}
+        Adam(parameters.raw, MAIN, SIZE, BACKEND).step(gradients, 0.1, parameters.tensors(), given)
+        return {name: parameters.raw[name] - before[name] for name in before}
 
     usual, same, thrice = steps(None), steps(1.0), steps(3.0)
     for name, step in usual.items():

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, usual_qscale
-from gsvrcodec.fit.sensitivity import sensitivities
+from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, sensitivities, usual_qscale
 from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 from gsvrcodec.model.gop import Gop

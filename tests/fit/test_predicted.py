@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr
 from gsvrcodec.fit.footage import Footage, Frames
-from gsvrcodec.fit.options import Deform, FitOptions
-from gsvrcodec.fit.predicted import Reference, change_worth, fit_predicted
-from gsvrcodec.fit.quantised import quantisable
+from gsvrcodec.fit.parameters import LOOK, Anchor
+from gsvrcodec.fit.predicted import LastFrame, change_worth, fit_predicted
+from gsvrcodec.fit.quantise import quantisable
+from gsvrcodec.fit.recipe import Deform, FitOptions
 from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
@@ -47,7 +47,7 @@ class Key:
     """A key GOP of the film that stands still."""
 
     fit: Fit
-    reference: Reference
+    reference: LastFrame
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +56,10 @@ def key() -> Key:
     fit = fit_gop(footage(film()), GAUSSIANS, GRID, options, effort, BACKEND, seed=(0, 0))
     end = np.array([1], np.float32)
     shown = BACKEND.render(BACKEND.prepare(fit.gop), end, SIZE, SIZE)[0]
-    return Key(fit, Reference(last_look(fit.gop, FRAMES), shown, 1.0, fit.psnr))
+    return Key(fit, LastFrame(last_look(fit.gop, FRAMES), shown, 1.0, fit.psnr))
 
 
-def static(reference: Reference) -> Gop:
+def static(reference: LastFrame) -> Gop:
     """The reference as it would be kept."""
     return static_gop(*(getattr(reference.look, name) for name in LOOK))
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.field import Field
-from gsvrcodec.fit.price import Price
+from gsvrcodec.fit.parameters import LOOK, Parameters
 from gsvrcodec.fit.tuned import PRICE
+from gsvrcodec.fit.worth import Price
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array
 from tests.fit.anchored import CARRIED, key, predicted
@@ -22,10 +21,10 @@ WEIGHT = 0.003
 STEPS = {a.name: (0.01 * (1 + a.id),) * a.components for a in ATTRIBUTES}
 
 
-def prices(field: Field) -> dict[str, Float32Array]:
+def prices(parameters: Parameters) -> dict[str, Float32Array]:
     """What a price adds to the gradients of ones."""
-    gradients = {name: torch.ones_like(tensor) for name, tensor in field.raw.items()}
-    Price(STEPS, WEIGHT, BACKEND.device).add(field, gradients)
+    gradients = {name: torch.ones_like(tensor) for name, tensor in parameters.raw.items()}
+    Price(STEPS, WEIGHT, BACKEND.device).add(parameters, gradients)
     return {name: gradient.numpy() - 1 for name, gradient in gradients.items()}
 
 
@@ -45,18 +44,21 @@ def neighbours(values: Float32Array) -> Float32Array:
 
 
 def test_a_carried_gaussian_pays_for_its_changes() -> None:
-    field = predicted()
-    found = prices(field)
+    parameters = predicted()
+    found = prices(parameters)
     for name in LOOK:
-        expected = PRICE.change * slope(field.raw[name].numpy(), STEPS[name][0])
+        expected = PRICE.change * slope(parameters.raw[name].numpy(), STEPS[name][0])
         np.testing.assert_allclose(found[name][:CARRIED], expected[:CARRIED], atol=1e-5)
         assert np.abs(expected[:CARRIED]).max() > 10 * 1e-5
 
 
 @pytest.mark.parametrize(("make", "first"), [(key, 0), (predicted, CARRIED)])
-def test_a_new_one_pays_for_opacity_and_scales(make: Callable[[], Field], first: int) -> None:
-    field = make()
-    found, raw = prices(field), {name: tensor.numpy() for name, tensor in field.raw.items()}
+def test_a_new_one_pays_for_opacity_and_scales(make: Callable[[], Parameters], first: int) -> None:
+    parameters = make()
+    found, raw = (
+        prices(parameters),
+        {name: tensor.numpy() for name, tensor in parameters.raw.items()},
+    )
     opacity = PRICE.log_opacity * slope(raw["log_opacity"], STEPS["log_opacity"][0])
     apart = raw["log_scale"] - neighbours(raw["log_scale"])
     scale = PRICE.log_scale * slope(apart, STEPS["log_scale"][0])
@@ -68,25 +70,25 @@ def test_a_new_one_pays_for_opacity_and_scales(make: Callable[[], Field], first:
 
 
 @pytest.mark.parametrize("make", [key, predicted])
-def test_the_usual_costs_nothing(make: Callable[[], Field]) -> None:
-    field = make()
-    field.raw["log_opacity"][:] = 0
-    field.raw["log_scale"][:] = 0 if field.anchor else 1.5
+def test_the_usual_costs_nothing(make: Callable[[], Parameters]) -> None:
+    parameters = make()
+    parameters.raw["log_opacity"][:] = 0
+    parameters.raw["log_scale"][:] = 0 if parameters.anchor else 1.5
     for name in ("position", "rotation", "colour"):
-        field.raw[name][:] = 0
-    found = prices(field)
+        parameters.raw[name][:] = 0
+    found = prices(parameters)
     assert not any(found[name].any() for name in LOOK)
 
 
 @pytest.mark.parametrize("make", [key, predicted])
 def test_motion_pays_where_it_differs_from_that_of_its_neighbours(
-    make: Callable[[], Field],
+    make: Callable[[], Parameters],
 ) -> None:
-    field = make()
+    parameters = make()
     for name in ("linear", "quadratic"):
-        field.raw[name][:] = 0.25
-        field.raw[name][9, 0] = 0.5
-    found = prices(field)
+        parameters.raw[name][:] = 0.25
+        parameters.raw[name][9, 0] = 0.5
+    found = prices(parameters)
     for name in ("linear", "quadratic"):
         apart = found[name][:, 0]
         own = np.array([0.25 * (1 - 1 / PRICE.near)], np.float32)
@@ -99,43 +101,45 @@ def test_motion_pays_where_it_differs_from_that_of_its_neighbours(
 
 
 def test_what_is_not_trained_is_no_matter() -> None:
-    field = predicted("triplane")
-    found = prices(field)
-    assert "linear" not in field.raw
+    parameters = predicted("triplane")
+    found = prices(parameters)
+    assert "linear" not in parameters.raw
     assert np.abs(found["position"]).max() > 0
     assert not any(found[name].any() for name in ("xy", "xt", "yt"))
 
 
 def test_it_grows_with_what_a_bit_is_worth() -> None:
-    field = key()
+    parameters = key()
     found = []
     for weight in (WEIGHT, 2 * WEIGHT):
-        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
-        Price(STEPS, weight, BACKEND.device).add(field, gradients)
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in parameters.raw.items()}
+        Price(STEPS, weight, BACKEND.device).add(parameters, gradients)
         found.append(gradients["log_opacity"].numpy())
     np.testing.assert_allclose(found[1], 2 * found[0], rtol=1e-6)
-    least = WEIGHT / math.log(2) * PRICE.log_opacity / (np.abs(field.gop().log_opacity).max() + 1)
+    least = (
+        WEIGHT / math.log(2) * PRICE.log_opacity / (np.abs(parameters.gop().log_opacity).max() + 1)
+    )
     assert np.abs(found[0]).min() > least
 
 
 def test_slopes_are_computed_anew_after_some_steps() -> None:
-    field = predicted()
+    parameters = predicted()
     price = Price(STEPS, WEIGHT, BACKEND.device)
 
     def added() -> Float32Array:
-        gradients = {name: torch.zeros_like(tensor) for name, tensor in field.raw.items()}
-        price.add(field, gradients)
+        gradients = {name: torch.zeros_like(tensor) for name, tensor in parameters.raw.items()}
+        price.add(parameters, gradients)
         return np.asarray(gradients["position"].numpy())
 
     first = added()
-    field.raw["position"][:] *= -3
+    parameters.raw["position"][:] *= -3
     for _ in range(PRICE.steps - 1):
         np.testing.assert_array_equal(added(), first)
     second = added()
     assert (second * first <= 0).all()
     assert (second != first).any()
     # Unless the Gaussians have another order.
-    field.raw["position"][:] *= -1
+    parameters.raw["position"][:] *= -1
     np.testing.assert_array_equal(added(), second)
     price.forget()
     assert (added() != second).any()

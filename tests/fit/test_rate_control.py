@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.fit.rate_control import (
+from gsvrcodec.fit.search import (
     Candidate,
     fit_to_psnr,
     quantise_near_size,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.settings import Preset
-from gsvrcodec.fit.recipe import MAIN, PAPER, Recipe
+from gsvrcodec.fit.paper import PAPER
+from gsvrcodec.fit.recipe import MAIN, Recipe
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.effect import effects
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.relocate import relocate
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.recipe import Deform
+from gsvrcodec.fit.relocate import effects, relocate
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.metrics import squared_error
@@ -20,25 +19,25 @@ from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture,
 SIZE = (96, 64)
 
 
-def started(frames: Frames, gaussians: int, deform: Deform = "hybrid") -> Field:
+def started(frames: Frames, gaussians: int, deform: Deform = "hybrid") -> Parameters:
     grid = (0, 0, 0) if deform == "polynomial" else (6, 4, len(frames))
     rng = np.random.default_rng(0)
     start = content_aware(footage(frames), gaussians, grid, None, rng, BACKEND)
-    return Field(start, deform, BACKEND)
+    return Parameters(start, deform, BACKEND)
 
 
 @pytest.mark.parametrize("deform", ["hybrid", "polynomial", "triplane"])
 def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     frames = moving_texture(3, (0, 0), SIZE)
-    field = started(frames, 400, deform)
-    field.raw["log_opacity"].data[:50] = -11  # they hardly show
-    before = field.gop()
+    parameters = started(frames, 400, deform)
+    parameters.raw["log_opacity"].data[:50] = -11  # they hardly show
+    before = parameters.gop()
     shown = render_frames(before, times(3), SIZE, SIZE)
     # The picture is met everywhere but in its lower right.
     wanted = shown.astype(np.uint8)
     wanted[:, 40:, 60:] = 255 - wanted[:, 40:, 60:]
-    order, moved = relocate(field, wanted, times(3), SIZE, np.random.default_rng(1), 0.1)
-    after = field.gop()
+    order, moved = relocate(parameters, wanted, times(3), SIZE, np.random.default_rng(1), 0.1)
+    after = parameters.gop()
     assert_finite(after)
     assert sorted(order) == list(range(400))
     assert moved.sum() == 40
@@ -58,9 +57,9 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
 
 def test_a_moved_gaussian_has_the_colour_of_its_pixel() -> None:
     frames = moving_texture(1, (0, 0), SIZE)
-    field = started(frames, 400, "polynomial")
-    _, moved = relocate(field, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
-    gop = field.gop()
+    parameters = started(frames, 400, "polynomial")
+    _, moved = relocate(parameters, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
+    gop = parameters.gop()
     assert moved.sum() == 40
     x, y = np.floor((gop.position[moved] + 1) / 2 * SIZE).astype(int).T
     np.testing.assert_allclose(gop.colour[moved], frames[0, y, x] / 255, atol=1e-6)
@@ -69,11 +68,11 @@ def test_a_moved_gaussian_has_the_colour_of_its_pixel() -> None:
 @pytest.mark.parametrize("log_opacity", [-5.0, 0.0, 5.0])
 def test_opacities_follow_the_weights_that_are_there(log_opacity: float) -> None:
     frames = moving_texture(1, (0, 0), SIZE)
-    field = started(frames, 400, "polynomial")
-    field.raw["log_opacity"][:] = log_opacity
-    weights = BACKEND.sums(BACKEND.prepare(field.drawn()), 0.0, SIZE, SIZE)[..., 3] + GROUND
-    _, moved = relocate(field, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
-    gop = field.gop()
+    parameters = started(frames, 400, "polynomial")
+    parameters.raw["log_opacity"][:] = log_opacity
+    weights = BACKEND.sums(BACKEND.prepare(parameters.drawn()), 0.0, SIZE, SIZE)[..., 3] + GROUND
+    _, moved = relocate(parameters, frames, times(1), SIZE, np.random.default_rng(1), 0.1)
+    gop = parameters.gop()
     x, y = np.floor((gop.position[moved] + 1) / 2 * SIZE).astype(int).T
     expected = np.log(np.maximum(RELOCATION.weight * weights[y, x], 1))
     np.testing.assert_allclose(gop.log_opacity[moved], expected, atol=1e-5)
@@ -82,10 +81,10 @@ def test_opacities_follow_the_weights_that_are_there(log_opacity: float) -> None
 
 def test_a_moved_gaussian_follows_its_neighbours() -> None:
     frames = moving_texture(2, (0, 0), SIZE)
-    field = started(frames, 200, "polynomial")
-    field.raw["linear"].data[:] = 0.25
-    _, moved = relocate(field, frames, times(2), SIZE, np.random.default_rng(1), 0.1)
-    gop = field.gop()
+    parameters = started(frames, 200, "polynomial")
+    parameters.raw["linear"].data[:] = 0.25
+    _, moved = relocate(parameters, frames, times(2), SIZE, np.random.default_rng(1), 0.1)
+    gop = parameters.gop()
     np.testing.assert_allclose(gop.linear[moved], 0.25)
     # The places were picked where the neighbours are at -1 or 1, inside the frame then.
     places = np.stack([gop.position[moved] + tau * gop.linear[moved] for tau in (-1, 1)])
@@ -95,19 +94,19 @@ def test_a_moved_gaussian_follows_its_neighbours() -> None:
 @pytest.mark.parametrize("gaussians", [1, 9, 5000])
 def test_any_number(gaussians: int) -> None:
     frames = moving_texture(1, (0, 0), (40, 30))
-    field = started(frames, gaussians)
-    _, moved = relocate(field, frames, times(1), (40, 30), np.random.default_rng(1), 0.1)
+    parameters = started(frames, gaussians)
+    _, moved = relocate(parameters, frames, times(1), (40, 30), np.random.default_rng(1), 0.1)
     assert moved.sum() == gaussians // 10
-    assert_finite(field.gop())
+    assert_finite(parameters.gop())
 
 
 def test_more_gaussians_come_where_the_error_is() -> None:
     frames = moving_texture(2, (0, 0), (40, 30))
-    field = started(frames, 100)
-    before = field.gop()
+    parameters = started(frames, 100)
+    before = parameters.gop()
     args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
-    order, new = relocate(field, *args, more=30)
-    after = field.gop()
+    order, new = relocate(parameters, *args, more=30)
+    after = parameters.gop()
     assert len(after) == 130
     assert new.sum() == 40
     assert (after.log_opacity[new] >= 0).all()
@@ -119,13 +118,13 @@ def test_more_gaussians_come_where_the_error_is() -> None:
 
 def test_the_weakest_leave() -> None:
     frames = moving_texture(2, (0, 0), (40, 30))
-    field = started(frames, 300)
-    field.raw["log_opacity"].data[20:50] = -11
-    before = field.gop()
+    parameters = started(frames, 300)
+    parameters.raw["log_opacity"].data[20:50] = -11
+    before = parameters.gop()
     found = effects(before, before, times(2), (40, 30), (40, 30), BACKEND)
     args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
-    order, new = relocate(field, *args, more=-30)
-    after = field.gop()
+    order, new = relocate(parameters, *args, more=-30)
+    after = parameters.gop()
     assert len(after) == 270
     assert new.sum() == 30
     left = np.setdiff1d(np.arange(300), order)

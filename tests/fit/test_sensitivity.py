@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.sensitivity import sensitivities
+from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, static_gop

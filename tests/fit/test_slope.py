@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.precision import bit_worth
-from gsvrcodec.fit.slope import Slope
 from gsvrcodec.fit.tuned import SLOPE
+from gsvrcodec.fit.worth import Slope, bit_worth
 
 
 class TestNumber:

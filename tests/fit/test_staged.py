@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.recipe import MAIN
-from gsvrcodec.fit.staged import quantise_in_stages, unchanged
+from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
+from gsvrcodec.fit.quantise import quantise_in_stages, unchanged
+from gsvrcodec.fit.recipe import MAIN, Deform
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.attributes import ATTRIBUTES
@@ -32,9 +30,9 @@ def fitted(frames: Frames, deform: Deform) -> Gop:
     grid = (0, 0, 0) if deform == "polynomial" else (6, 4, len(frames))
     rng = np.random.default_rng(0)
     start = content_aware(footage(frames), 300, grid, None, rng, BACKEND)
-    field = Field(start, deform, BACKEND)
-    optimise(field, footage(frames), MAIN, Effort(150), rng)
-    return field.gop()
+    parameters = Parameters(start, deform, BACKEND)
+    optimise(parameters, footage(frames), MAIN, Effort(150), rng)
+    return parameters.gop()
 
 
 def staged(gop: Gop, frames: Frames, deform: Deform, steps: int = 60) -> Gop:

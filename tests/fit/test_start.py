@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.flow import flow_estimator
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.start import content_aware, random_start
+from gsvrcodec.fit.motion import flow_estimator
+from gsvrcodec.fit.paper import random_start
+from gsvrcodec.fit.start import content_aware
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render import render_frames
 from tests import making

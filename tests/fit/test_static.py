@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.anchor import LOOK
-from gsvrcodec.fit.precision import equal_slope_steps
-from gsvrcodec.fit.static import with_static, with_unchanged, with_usual_opacity
+from gsvrcodec.fit.parameters import LOOK
+from gsvrcodec.fit.precision import (
+    equal_slope_steps,
+    with_static,
+    with_unchanged,
+    with_usual_opacity,
+)
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import dequantised
 from tests.render.examples import random_gop

@@ -22,10 +22,11 @@ from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.decoder.gop_cache import ReadyGop
 from gsvrcodec.decoder.pictures import PictureMaker
 from gsvrcodec.errors import DeviceError
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, optimise
-from gsvrcodec.fit.recipe import MAIN, PAPER
+from gsvrcodec.fit.paper import PAPER
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.recipe import MAIN
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
@@ -209,11 +210,11 @@ def test_fit(blending: Blending) -> None:
     fitted = []
     for device in "cpu", PLACE:
         backend = backend_on(device, threads=1, blending=blending)
-        field = Field(examples.all_levels(6, 0.0), "hybrid", backend)
+        parameters = Parameters(examples.all_levels(6, 0.0), "hybrid", backend)
         recipe = replace(MAIN, relocations=(0.5,)) if blending == "mean" else PAPER
         rng = np.random.default_rng(0)
-        optimise(field, footage, recipe, Effort(4), rng)
-        fitted.append(field.gop())
+        optimise(parameters, footage, recipe, Effort(4), rng)
+        fitted.append(parameters.gop())
     for name in Gop.__slots__:
         actual, expected = (getattr(gop, name) for gop in reversed(fitted))
         np.testing.assert_allclose(actual, expected, rtol=2e-3, atol=2e-3, err_msg=name)

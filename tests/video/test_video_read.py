@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.errors import InputError, NotAVideoError, UnsupportedError, UsageError
 from gsvrcodec.video import open_video, probe
 from tests import making
-from tests.video.test_video_sources import h264
+from tests.video.sources import h264
 
 #: Of the 132 RGB frames one after another; the pictures that the NeRV family trains on.
 BUNNY_SHA256 = "52126f0b88bddddb25abea5e135a998b93636fa15d94b5acb1f7eb6958fa4fc5"

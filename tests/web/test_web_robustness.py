@@ -12,8 +12,7 @@ import pytest
 
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
-from tests.bitstream.test_long_film import moved
-from tests.gops import HEADER, make_payload
+from tests.gops import HEADER, make_payload, moved
 from tests.making import BUNNY_SMALL
 from tests.web.conftest import Site, watched
 from tests.web.driving import (
@@ -205,7 +204,7 @@ class TestLongFilm:
         payload = make_payload(200, frames=16)
         with path.open("w+b") as file, GsvrWriter(file, HEADER) as writer:
             for gop in range(3000):
-                writer.add_gop(moved(payload, gop))
+                writer.add_gop(moved(payload, gop, 16))
         responses: list[Any] = []
         page.on("response", lambda response: responses.append(response))
         opened(page, site, path.name)

@@ -1,8 +1,7 @@
-"""GOPs fitted side by side, each in a process of its own, or one after another in this one."""
+"""Chains fitted side by side, each in a process of its own, or one after another in this one."""
 
 from __future__ import annotations
 
-import heapq
 import os
 import pickle
 import queue
@@ -14,21 +13,57 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gsvrcodec.encoder.chain_task import ChainJobs, FittedGop, one_by_one
-from gsvrcodec.encoder.jobs import EncodedGop, GopJob, encode_gop
+from gsvrcodec.encoder.chain import ChainJobs, ChainTask, missing_frames, one_by_one
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.gop import GopJob, encode_gop
+from gsvrcodec.encoder.lookahead import Lookahead
+from gsvrcodec.encoder.rate import frame_visits
+from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
+from gsvrcodec.video import VideoInfo
+from gsvrcodec.video.timing import DEFAULT_RATE
+
+
+@dataclass(frozen=True, slots=True)
+class Processes:
+    """Does tasks in processes of this machine; a `Runner`."""
+
+    workers: int  #: processes; 1 = this one
+    threads: int  #: native threads of all of them together
+    sends: bool = False  #: tasks stay on this machine
+
+    @classmethod
+    def for_film(
+        cls,
+        lookahead: Lookahead,
+        checkpoint: Checkpoint,
+        info: VideoInfo,
+        settings: EncodeSettings,
+    ) -> Self:
+        """Return as many as have work; waits until the analysis knows of enough, or of the end."""
+        return cls(*processes_for(lookahead, checkpoint, info, settings))
+
+    def at_once(self) -> int:
+        """Return how many tasks are done at the same time."""
+        return self.workers
+
+    def run(self, tasks: Iterator[ChainTask]) -> Generator[EncodedGop, None, None]:
+        """Do all tasks; as `fit_gops`."""
+        return fit_gops((task.jobs() for task in tasks), self.workers, self.threads)
 
 
 def fit_gops(
     chains: Iterable[ChainJobs], workers: int, threads: int
-) -> Generator[FittedGop, None, None]:
+) -> Generator[EncodedGop, None, None]:
     """Encode GOPs and yield each as soon as it is done; the bytes do not depend on `workers`.
 
     A chain is taken when a worker is free, so that at most `workers` chains are in memory. Closing
@@ -56,7 +91,7 @@ def fit_gops(
             share = threads // workers + (number < threads % workers)
             idle.put((stack.enter_context(_Worker()), max(1, share)))
 
-        finished: queue.SimpleQueue[FittedGop | BaseException | None] = queue.SimpleQueue()
+        finished: queue.SimpleQueue[EncodedGop | BaseException | None] = queue.SimpleQueue()
 
         def fit(chain: ChainJobs) -> None:
             worker, share = idle.get()
@@ -80,8 +115,8 @@ def fit_gops(
 
 
 def _next(
-    finished: queue.SimpleQueue[FittedGop | BaseException | None],
-) -> Generator[FittedGop, None, int]:
+    finished: queue.SimpleQueue[EncodedGop | BaseException | None],
+) -> Generator[EncodedGop, None, int]:
     """Yield the next GOP; or return 1 if a chain has ended, or raise what has ended it."""
     done = finished.get()
     if isinstance(done, BaseException):
@@ -123,16 +158,6 @@ def _available_bytes() -> int:
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
     return sys.maxsize
-
-
-def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
-    """Return when the fit of each GOP starts and when the last one ends, if time goes by frames."""
-    free = [0] * workers
-    out = []
-    for length in lengths:
-        out.append(free[0])
-        heapq.heapreplace(free, free[0] + length)
-    return out, max(free)
 
 
 class _Worker:
@@ -238,3 +263,39 @@ def sendable(error: Exception) -> Exception:
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
+
+
+def processes_for(
+    lookahead: Lookahead, checkpoint: Checkpoint, info: VideoInfo, settings: EncodeSettings
+) -> tuple[int, int]:
+    """Return the number of processes that fit a film, and of their threads together.
+
+    Waits until the analysis has found enough work for all of them, or the end of the film.
+    """
+    pixels = info.width * info.height
+    pace = settings.time_budget or PROCESSES.step_seconds * frame_visits(settings) * pixels
+    # One process keeps a GPU busy.
+    wanted = settings.workers or int(settings.device != "cpu")
+    most = max(wanted, resolve_threads(settings.threads))
+
+    def missing(chains: Sequence[Chain]) -> list[Chain]:
+        return [chain for chain in chains if missing_frames(chain, checkpoint)]
+
+    def seconds(chains: Sequence[Chain]) -> float:
+        return pace * sum(missing_frames(chain, checkpoint) for chain in chains)
+
+    def enough(chains: Sequence[Chain]) -> bool:
+        return seconds(chains) > PROCESSES.least_seconds and len(missing(chains)) >= most
+
+    known = missing(lookahead.until(enough))
+    frames = [chain[-1].stop - chain[0].start for chain in known]
+    if not lookahead.complete and settings.predicts:
+        frames.append(round(settings.keyint * (info.average_rate or DEFAULT_RATE)))
+    return processes(
+        wanted,
+        settings.threads,
+        chains=len(known),
+        chain_bytes=3 * pixels * max(frames, default=0),
+        gop_bytes=3 * pixels * max((len(gop) for chain in known for gop in chain), default=0),
+        seconds=seconds(known),
+    )

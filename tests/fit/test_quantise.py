@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gsvrcodec.fit import quantised as module
+from gsvrcodec.fit import quantise as module
 from gsvrcodec.fit.fitting import Allowance, fit_gop, mean_psnr
-from gsvrcodec.fit.options import FitOptions
-from gsvrcodec.fit.precision import refined_steps, usual_qscale
-from gsvrcodec.fit.quantised import Quantised, QuantisedFit, as_published, quantisable
-from gsvrcodec.fit.rate_control import Candidate
-from gsvrcodec.fit.static import with_static, with_usual_opacity
+from gsvrcodec.fit.paper import as_published
+from gsvrcodec.fit.precision import refined_steps, usual_qscale, with_static, with_usual_opacity
+from gsvrcodec.fit.quantise import Quantised, QuantisedFit, quantisable
+from gsvrcodec.fit.recipe import FitOptions
+from gsvrcodec.fit.search import Candidate
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, Precision, Refined, dequantised
 from tests import making
@@ -105,9 +106,10 @@ class TestQuantised:
         self, fit: QuantisedFit, monkeypatch: pytest.MonkeyPatch, trials: int
     ) -> None:
         seen: list[float | None] = []
+        signature = inspect.signature(module.quantise_in_stages)
 
-        def staged(gop: Gop, *arguments: Any, **_: Any) -> Gop:
-            seen.append(arguments[4])
+        def staged(gop: Gop, *arguments: Any, **named: Any) -> Gop:
+            seen.append(signature.bind(gop, *arguments, **named).arguments["seconds"])
             return gop
 
         monkeypatch.setattr(module, "quantise_in_stages", staged)

@@ -1,31 +1,84 @@
-"""Chains fitted by the workers of a Dask cluster, one by each worker at a time.
-
-The frames of a chain go from this process to its worker, not through the scheduler. Until the chain
-is done they are kept in a temporary file, so that another worker can have it if its worker dies.
-"""
+"""An executor on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import tempfile
 import threading
 import time
+from collections.abc import Mapping
 from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from gsvrcodec.encoder.chain_task import FittedGop, encode_chain
-from gsvrcodec.encoder.cluster_worker import LOAD, VERSIONS, encoded, fault
+from gsvrcodec.encoder.chain import ChainTask, encode_chain, one_by_one
+from gsvrcodec.encoder.gop import encode_gop
+from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.run.local import sendable
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
+from gsvrcodec.versions import versions
+
+#: Evaluated by workers, which may not have gsvrcodec at all.
+VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
+#: Loads the libraries of a fit during the analysis of the film.
+LOAD = "__import__('gsvrcodec.encoder.gop') and None"
+#: Versions that must be the same, and those without which files may differ.
+_REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")
+_log = logging.getLogger(__name__)
+
+
+def fault(address: str, told: Any) -> str | None:
+    """Return why the versions of a worker forbid it; warn of versions that may change bytes."""
+    if isinstance(told, ModuleNotFoundError):
+        return f"the worker at {address} has no gsvrcodec ({told})"
+    if not isinstance(told, Mapping):
+        return f"the worker at {address} does not tell its version of gsvrcodec ({told})"
+    own = versions()
+    for name in (*_REQUIRED, *_WANTED):
+        if told.get(name) == own[name]:
+            continue
+        what = f"has {name} {told.get(name)}, not {own[name]}"
+        if name in _REQUIRED:
+            return f"the worker at {address} {what}"
+        _log.warning("a worker %s: the file may differ from one that is made here", what)
+    return None
+
+
+def encoded(data: bytes, threads: int) -> list[EncodedGop] | Exception:
+    """Encode a pickled chain on a worker, and return the GOPs or the error.
+
+    Args:
+        data: the chain.
+        threads: native threads; 0 = GSVR_THREADS, or as many as the worker was started with.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    key = worker.get_current_task()
+    if not threads and "GSVR_THREADS" not in os.environ:
+        threads = worker.state.nthreads
+    done: list[EncodedGop] = []
+    try:
+        task: ChainTask = pickle.loads(data)
+        for gop in one_by_one(task.jobs(), encode_gop, threads):
+            done.append(gop)
+            known = worker.state.tasks.get(key)
+            if known is None or known.state != "executing":
+                break  # nobody wants it any more
+    except Exception as error:
+        return sendable(error)
+    return done
+
 
 if TYPE_CHECKING:
     from distributed import Client
 
+
 #: Stands for the address in DASK_SCHEDULER_ADDRESS, or in Dask's configuration.
 AUTO = "auto"
-
 #: Seconds to wait for the scheduler at first.
 _CONNECT_SECONDS = 5.0
 #: Seconds to wait for a worker when there is none, as while a nanny starts one anew.
@@ -36,8 +89,6 @@ _WATCH_SECONDS = 1.0
 _DEATHS = 3
 #: Chains whose frames are sent at the same time; more would only take memory.
 _SENDERS = 2
-
-_log = logging.getLogger(__name__)
 
 
 class Cluster(Executor):
@@ -66,7 +117,7 @@ class Cluster(Executor):
         self._since = time.monotonic()  # there has been no worker
         self._over: Exception | None = None  # why nothing can be done any more
         self._sending = threading.Semaphore(_SENDERS)
-        self._open: set[Future[list[FittedGop]]] = set()
+        self._open: set[Future[list[EncodedGop]]] = set()
         self._loading: list[Any] = []  # Dask's futures, which end with the client
         self._client, self.address = _connected(address)
         try:
@@ -97,7 +148,7 @@ class Cluster(Executor):
         task, threads = args
         stored = tempfile.TemporaryFile()  # noqa: SIM115, closed when the chain is done
         pickle.dump(task, stored, pickle.HIGHEST_PROTOCOL)
-        future: Future[list[FittedGop]] = Future()
+        future: Future[list[EncodedGop]] = Future()
         self._open.add(future)
         threading.Thread(
             target=self._fit, args=(future, stored, task.first_frame, threads), daemon=True
@@ -117,7 +168,7 @@ class Cluster(Executor):
         _quiet(lost)  # what it says of a lost one comes late, and has been said
 
     def _fit(
-        self, future: Future[list[FittedGop]], stored: IO[bytes], first: int, threads: int
+        self, future: Future[list[EncodedGop]], stored: IO[bytes], first: int, threads: int
     ) -> None:
         """Have a chain done, by one worker after another until one does not die."""
         try:
@@ -137,8 +188,8 @@ class Cluster(Executor):
             self._open.discard(future)
 
     def _done(
-        self, future: Future[list[FittedGop]], stored: IO[bytes], first: int, threads: int
-    ) -> list[FittedGop] | Exception:
+        self, future: Future[list[EncodedGop]], stored: IO[bytes], first: int, threads: int
+    ) -> list[EncodedGop] | Exception:
         deaths = 0
         while True:
             address = self._take(future)
@@ -165,8 +216,8 @@ class Cluster(Executor):
                     self._changed.notify_all()
 
     def _done_by(
-        self, address: str, future: Future[list[FittedGop]], stored: IO[bytes], threads: int
-    ) -> list[FittedGop] | Exception:
+        self, address: str, future: Future[list[EncodedGop]], stored: IO[bytes], threads: int
+    ) -> list[EncodedGop] | Exception:
         """Send a chain to a worker; return its GOPs or its error; raise if the worker died."""
         place = {"workers": [address], "allow_other_workers": False}
         with self._sending:
@@ -174,12 +225,12 @@ class Cluster(Executor):
             sent = self._client.scatter(stored.read(), [address], direct=True, hash=False)
         remote = self._client.submit(encoded, sent, threads, pure=False, **place)
         future.add_done_callback(lambda done: remote.cancel() if done.cancelled() else None)
-        found: list[FittedGop] | Exception = remote.result()
+        found: list[EncodedGop] | Exception = remote.result()
         if isinstance(found, Exception):
             found.add_note(f"this came from the worker at {address}")
         return found
 
-    def _take(self, future: Future[list[FittedGop]]) -> str:
+    def _take(self, future: Future[list[EncodedGop]]) -> str:
         """Wait for a worker that is free, and return its address."""
         with self._changed:
             while True:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.field import Field
 from gsvrcodec.fit.footage import backdrop
-from gsvrcodec.fit.options import Deform
-from gsvrcodec.fit.static import still
+from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.precision import still
+from gsvrcodec.fit.recipe import Deform
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.render.native import NativeBackend
 from tests import making
@@ -32,74 +32,77 @@ def start() -> Gop:
 
 class TestExport:
     def test_hybrid_keeps_the_start(self, start: Gop) -> None:
-        gop = Field(start, "hybrid", BACKEND).gop()
+        gop = Parameters(start, "hybrid", BACKEND).gop()
         for name in set(Gop.__slots__) - {"xy"}:  # the grid is scaled by its channels' gains
             atol = 2e-3 if name == "indicator" else 1e-6  # indicator stays clear of 0 and 1
             np.testing.assert_allclose(getattr(gop, name), getattr(start, name), atol=atol)
         assert gop.xy.shape == start.xy.shape
 
     def test_triplane_has_no_polynomial(self, start: Gop) -> None:
-        field = Field(start, "triplane", BACKEND)
-        gop = field.gop()
+        parameters = Parameters(start, "triplane", BACKEND)
+        gop = parameters.gop()
         assert not gop.indicator.any()
         assert not gop.linear.any()
         assert not gop.quadratic.any()
-        assert {"indicator", "linear", "quadratic"}.isdisjoint(field.raw)
+        assert {"indicator", "linear", "quadratic"}.isdisjoint(parameters.raw)
         np.testing.assert_array_equal(gop.xt, start.xt)
 
     def test_polynomial_has_no_triplane(self, start: Gop) -> None:
-        field = Field(start, "polynomial", BACKEND)
-        gop = field.gop()
+        parameters = Parameters(start, "polynomial", BACKEND)
+        gop = parameters.gop()
         assert not gop.xy.size + gop.xt.size + gop.yt.size
         assert (gop.indicator == 1).all()
-        assert {"indicator", "xy", "xt", "yt"}.isdisjoint(field.raw)
+        assert {"indicator", "xy", "xt", "yt"}.isdisjoint(parameters.raw)
         np.testing.assert_array_equal(gop.linear, start.linear)
 
     @pytest.mark.parametrize("mode", MODES)
     def test_training_leaves_start_and_exports_alone(self, start: Gop, mode: Deform) -> None:
         before = start.position.copy()
-        field = Field(start, mode, BACKEND)
-        exported = field.gop()
-        for tensor in field.raw.values():
+        parameters = Parameters(start, mode, BACKEND)
+        exported = parameters.gop()
+        for tensor in parameters.raw.values():
             tensor += 1
         np.testing.assert_array_equal(start.position, before)
         np.testing.assert_array_equal(exported.position, before)
 
     def test_what_is_fixed_is_not_trained(self, start: Gop) -> None:
-        field = Field(start, "hybrid", BACKEND)
+        parameters = Parameters(start, "hybrid", BACKEND)
         rounded = {"position": np.round(start.position, 1), "indicator": start.indicator.round()}
-        field.fix(rounded)
-        assert {"position", "indicator"}.isdisjoint(field.raw)
-        gop = field.gop()
+        parameters.fix(rounded)
+        assert {"position", "indicator"}.isdisjoint(parameters.raw)
+        gop = parameters.gop()
         np.testing.assert_array_equal(gop.position, rounded["position"].clip(-0.99 * 2, 0.99 * 2))
         np.testing.assert_array_equal(gop.indicator, rounded["indicator"])
 
     def test_what_stands_behind_is_drawn_but_not_trained(self, start: Gop) -> None:
         bare = still(making.random_gop(np.random.default_rng(6), 9, (0, 0, 0)))
-        field = Field(start, "hybrid", BACKEND, bare)
-        assert len(field.gop()) == len(start)
-        assert len(field.drawn()) == len(start) + 9
+        parameters = Parameters(start, "hybrid", BACKEND, bare)
+        assert len(parameters.gop()) == len(start)
+        assert len(parameters.drawn()) == len(start) + 9
         alone, both = (
             BACKEND.sums(BACKEND.prepare(gop), 0.2, SIZE, SIZE)
-            for gop in (field.gop(), field.drawn())
+            for gop in (parameters.gop(), parameters.drawn())
         )
-        behind = backdrop(field.background, SIZE, SIZE, BACKEND)
+        behind = backdrop(parameters.background, SIZE, SIZE, BACKEND)
         assert behind is not None
         np.testing.assert_allclose(alone + behind, both, atol=1e-5 * both.max())
         assert np.abs(alone - both).max() > 0.1
 
     def test_sums_have_no_opacities(self, start: Gop) -> None:
-        field = Field(start, "hybrid", NativeBackend(blending="sum"))
-        assert "log_opacity" not in field.raw
-        assert not field.gop().log_opacity.any()
-        assert field.gradients(field.tensors(), 0.2, target(), SIZE).keys() == field.raw.keys()
+        parameters = Parameters(start, "hybrid", NativeBackend(blending="sum"))
+        assert "log_opacity" not in parameters.raw
+        assert not parameters.gop().log_opacity.any()
+        assert (
+            parameters.gradients(parameters.tensors(), 0.2, target(), SIZE).keys()
+            == parameters.raw.keys()
+        )
 
     def test_chosen_ones_are_taken(self, start: Gop) -> None:
-        field = Field(start, "hybrid", BACKEND)
-        before = field.gop()
+        parameters = Parameters(start, "hybrid", BACKEND)
+        before = parameters.gop()
         chosen = np.array([3, 3, 0, 39])
-        field.rearrange(chosen)
-        after = field.gop()
+        parameters.rearrange(chosen)
+        after = parameters.gop()
         assert len(after) == 4
         for name in set(Gop.__slots__) - {"xy", "xt", "yt"}:
             np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[chosen])
@@ -113,26 +116,28 @@ class TestGradients:
     def test_they_are_the_reference_s(
         self, start: Gop, mode: Deform, tau: float, rendered: tuple[int, int]
     ) -> None:
-        field = Field(start, mode, BACKEND)
+        parameters = Parameters(start, mode, BACKEND)
         picture = target(rendered)
-        leaves = {name: tensor.double().requires_grad_() for name, tensor in field.raw.items()}
-        exact = {name: tensor.double() for name, tensor in field.tensors().items()} | leaves
+        leaves = {name: tensor.double().requires_grad_() for name, tensor in parameters.raw.items()}
+        exact = {name: tensor.double() for name, tensor in parameters.tensors().items()} | leaves
         if "indicator" in leaves:
             exact["indicator"] = torch.sigmoid(leaves["indicator"])
-        assert_gradients_of_the_reference(field, exact, leaves, tau, picture, SIZE)
+        assert_gradients_of_the_reference(parameters, exact, leaves, tau, picture, SIZE)
 
     def test_quantised_values_have_gradients_of_their_own(self, start: Gop) -> None:
-        field = Field(start, "hybrid", BACKEND)
-        tensors = field.tensors()
+        parameters = Parameters(start, "hybrid", BACKEND)
+        tensors = parameters.tensors()
         rounded = tensors | {"colour": tensors["colour"].round()}
-        found = field.gradients(rounded, 0.2, target(), SIZE)
-        field.raw["colour"].round_()
-        for name, gradient in field.gradients(field.tensors(), 0.2, target(), SIZE).items():
+        found = parameters.gradients(rounded, 0.2, target(), SIZE)
+        parameters.raw["colour"].round_()
+        for name, gradient in parameters.gradients(
+            parameters.tensors(), 0.2, target(), SIZE
+        ).items():
             torch.testing.assert_close(found[name], gradient)
 
     @pytest.mark.parametrize("threads", [1, 2, 5])
     def test_threads_do_not_change_them(self, start: Gop, threads: int) -> None:
-        tensors = Field(start, "hybrid", BACKEND).tensors()
+        tensors = Parameters(start, "hybrid", BACKEND).tensors()
         (error, one), (again, many) = (
             NativeBackend(count).squared_error(tensors, 0.2, target(), SIZE)
             for count in (1, threads)

@@ -12,15 +12,42 @@ from concurrent.futures import (
     wait,
 )
 
-from gsvrcodec.encoder.chain_task import ChainTask, FittedGop, encode_chain
+from gsvrcodec.encoder.chain import ChainTask, encode_chain
+from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.errors import UsageError, WorkerError
 from gsvrcodec.render.native import resolve_threads
 
 #: Chains that are read and handed over before a worker is free for them.
 AHEAD = 1
-
 #: Attributes with the number of workers: of our executors, of MPI's, of Python's and loky's.
 _COUNTS = ("workers", "num_workers", "_max_workers")
+
+
+class OnExecutor:
+    """Does tasks by an executor; a `Runner`.
+
+    Args:
+        executor: Any of `concurrent.futures`; it stays open.
+        wanted: Tasks at the same time; 0 = as many as it has workers.
+        threads: Native threads of each task; 0 = as `threads_of`.
+
+    Raises:
+        UsageError: The executor forks this process.
+    """
+
+    sends = True
+
+    def __init__(self, executor: Executor, wanted: int, threads: int) -> None:
+        check_executor(executor)
+        self._executor, self._wanted, self._threads = executor, wanted, threads
+
+    def at_once(self) -> int:
+        """Return how many tasks are done at the same time now."""
+        return workers_of(self._executor, self._wanted)
+
+    def run(self, tasks: Iterator[ChainTask]) -> Generator[EncodedGop, None, None]:
+        """Do all tasks; as `fit_on`."""
+        return fit_on(self._executor, tasks, self._wanted, self._threads)
 
 
 def check_executor(executor: Executor) -> None:
@@ -63,7 +90,7 @@ def threads_of(executor: Executor, workers: int, threads: int) -> int:
 
 def fit_on(
     executor: Executor, tasks: Iterator[ChainTask], wanted: int, threads: int
-) -> Generator[FittedGop, None, None]:
+) -> Generator[EncodedGop, None, None]:
     """Have chains encoded and yield the GOPs of each as soon as it is done.
 
     A chain is taken when a worker is free, and `AHEAD` more, so that few are in memory however long
@@ -80,7 +107,7 @@ def fit_on(
         WorkerError: a process of the executor died, or somebody cancelled a chain.
         Exception: whatever `encode_gop` or the executor raises.
     """
-    waiting: set[Future[list[FittedGop]]] = set()
+    waiting: set[Future[list[EncodedGop]]] = set()
     try:
         for task in tasks:
             each = threads_of(executor, workers_of(executor, wanted), threads)
@@ -103,8 +130,8 @@ def fit_on(
 
 
 def _finished(
-    waiting: set[Future[list[FittedGop]]], timeout: float | None
-) -> Generator[FittedGop, None, None]:
+    waiting: set[Future[list[EncodedGop]]], timeout: float | None
+) -> Generator[EncodedGop, None, None]:
     """Take out the chains that are done, after waiting so many seconds for one; None = until."""
     done, _ = wait(waiting, timeout, FIRST_COMPLETED)
     for future in done:

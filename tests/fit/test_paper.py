@@ -9,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.fit.qat import fake_quantiser
+from gsvrcodec.fit.paper import fake_quantiser
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import PAPER_BITS, dequantised
 from tests import making

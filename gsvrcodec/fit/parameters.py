@@ -1,32 +1,93 @@
-"""The trainable form of a GOP, and the gradients of its squared error."""
+"""What a fit changes: the trainable form of a GOP, and the anchor of a predicted one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from gsvrcodec.fit.anchor import LOOK, Anchor
-from gsvrcodec.fit.options import Deform
+from gsvrcodec.fit.recipe import Deform
 from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.prediction import Look
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend, Samples
+
+#: Attributes that a predicted GOP stores as changes.
+LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
+
+
+@dataclass(slots=True, eq=False)
+class Anchor:
+    """What N stored Gaussians are relative to; new ones are relative to nothing.
+
+    A carried Gaussian stores the change of its look at the time `start`; its canonical position
+    follows from that and its motion (spec section "Prediction").
+    """
+
+    start: float  #: when carried Gaussians begin to move, in units of tau
+    look: Look  #: (N, ...), zeros where new
+    source: NDArray[np.intp]  #: (N,) number of the Gaussian in the reference; -1 = new
+
+    @property
+    def carried(self) -> NDArray[np.bool_]:
+        """Which Gaussians come from the reference, (N,)."""
+        return self.source >= 0
+
+    def gop(self, stored: Gop) -> Gop:
+        """Return the Gaussians that stored values stand for."""
+        values = {name: getattr(stored, name) + getattr(self.look, name) for name in LOOK}
+        values["position"] = values["position"] - self._way(stored)
+        return replace(stored, **values)
+
+    def stored(self, gop: Gop) -> Gop:
+        """Return the stored values of Gaussians."""
+        values = {
+            **{name: getattr(gop, name) for name in LOOK},
+            "position": gop.position + self._way(gop),
+        }
+        return replace(gop, **{name: v - getattr(self.look, name) for name, v in values.items()})
+
+    def _way(self, gop: Gop) -> Float32Array:
+        """Motion at the time `start`, (N, 2); zeros where new."""
+        way = np.float32(self.start) * gop.linear + np.float32(self.start**2) * gop.quadratic
+        return np.asarray(self.carried[:, None] * way, np.float32)
+
+    def rearrange(self, order: NDArray[np.intp]) -> None:
+        """Put the Gaussians into another order."""
+        self.look, self.source = self.look[order], self.source[order]
+
+    def release(self, chosen: NDArray[np.intp]) -> None:
+        """Make Gaussians new."""
+        self.source[chosen] = -1
+        for name in LOOK:
+            getattr(self.look, name)[chosen] = 0
+
+    def copy(self) -> Anchor:
+        """Return an anchor of its own arrays."""
+        return Anchor(self.start, self.look[np.arange(len(self.source))], self.source.copy())
+
+    def tensors(self, device: str) -> dict[str, torch.Tensor]:
+        """The look on a device, and "carried", 1 or 0, (N, 1)."""
+        out = {name: torch.from_numpy(getattr(self.look, name)).to(device) for name in LOOK}
+        carried: Float32Array = self.carried[:, None].astype(np.float32)
+        return out | {"carried": torch.from_numpy(carried).to(device)}
+
 
 NAMES = Gop.__slots__
 GRIDS = ("xy", "xt", "yt")  #: attributes that no Gaussian owns
 MOTION = ("linear", "quadratic")  #: attributes of the polynomial
 Tensors = dict[str, Tensor]  #: parameters by the names of `Gop`
-
 _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
 
 
-class Field:
+class Parameters:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
     `raw` holds one tensor for each trained attribute, by the names of `Gop`; the indicator is
@@ -37,7 +98,7 @@ class Field:
         start: the state to begin with, as it is stored; copied.
         deform: parts of the deformation field in use.
         backend: the renderer, on whose device the tensors lie.
-        background: static Gaussians that are drawn behind the field and never change.
+        background: static Gaussians that are drawn behind the parameters and never change.
         anchor: what the stored values are relative to; None = a key GOP.
     """
 

@@ -1,4 +1,4 @@
-"""Cutting a video into chains of GOPs by its motion (paper, "Dynamic-aware Time Slicing")."""
+"""How a film is divided: sections, chains of GOPs, GOPs (paper, "Dynamic-aware Time Slicing")."""
 
 from __future__ import annotations
 
@@ -136,3 +136,11 @@ def _adaptive_lengths(stats: Sequence[FrameStats], limits: GopLimits) -> list[in
         lengths.append(maximum)
         rest -= maximum
     return [*lengths, rest]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Frames that are planned together."""
+
+    chains: list[Chain]  #: their numbers, by GOP
+    seconds: float  #: that they last

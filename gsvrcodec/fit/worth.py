@@ -1,0 +1,148 @@
+"""What bits are worth in a fit: one slope of rate and distortion, and the price of a change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import avg_pool1d
+
+from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters, Tensors
+from gsvrcodec.fit.search import Candidate, F, R
+from gsvrcodec.fit.tuned import PRICE, SLOPE, STEPS
+from gsvrcodec.model.quantise import Steps
+
+
+def bit_worth(qscale: float) -> float:
+    """Squared 8-bit codes that a bit has to save at a qscale: the slope of all steps."""
+    return 2 * math.log(2) * STEPS.unit * qscale**2
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """What a bit has to save, whatever number of bits that takes."""
+
+    qscale: float  #: of the steps that a GOP is stored with that no other builds on
+    most: int  #: bound of the number of Gaussians
+    #: how much more a bit saves than in the frames of the GOP, because others build on them
+    lasting: float = 1.0
+
+    @property
+    def bit(self) -> float:
+        """Squared 8-bit codes that a bit of a Gaussian has to save in the frames of the GOP."""
+        return bit_worth(self.qscale) / self.lasting
+
+    @property
+    def stored_qscale(self) -> float:
+        """Factor of the steps of the GOP: finer where others build on it."""
+        return self.qscale / math.pow(self.lasting, SLOPE.lasting)
+
+    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
+        """Fit a first guess; the number changes on the way. As `fit.target.Target`."""
+        return fit(gaussians, 1.0)
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale of the slope. As `fit.target.Target`."""
+        return candidate.quantised(self.stored_qscale)
+
+    def gaussians(self, pixels: int, error: float, steps: float) -> int:
+        """Return the number of Gaussians at which one more would save just enough.
+
+        Args:
+            pixels: Of all frames that show the GOP.
+            error: Mean squared error so far, 8-bit codes.
+            steps: Of the whole fit; each Gaussian is worth more after many of them.
+        """
+        count = SLOPE.fall * error * pixels / (SLOPE.gaussian_bits * self.bit)
+        count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
+        return max(1, round(min(count, self.most)))
+
+    def worthwhile(self, losses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which Gaussians are worth their bits, (N,); at least one of them.
+
+        Args:
+            losses: (N,) squared error that is added without each Gaussian.
+        """
+        chosen: NDArray[np.bool_] = losses >= SLOPE.gaussian_bits * self.bit
+        chosen[losses.argmax()] = True
+        return chosen
+
+
+class Price:
+    """Adds the slope of weight * log2(1 + |difference| / step) to the gradients of a fit.
+
+    Without it a fit drifts along directions that hardly change the picture, and bits are spent on
+    them. A Gaussian that is carried over pays for its changes. A new one pays for an opacity that
+    is not 1, and for scales that differ from those of its neighbours in drawing order. All pay for
+    motion that differs from that of their neighbours.
+
+    Args:
+        steps: quantiser steps of the attributes.
+        weight: loss that one bit may cost.
+        device: of the tensors.
+    """
+
+    def __init__(self, steps: Steps, weight: float, device: str) -> None:
+        self._weight = weight / math.log(2)
+        self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *MOTION)}
+        self._slopes: dict[str, Tensor] = {}
+        self._added = 0
+
+    def add(self, parameters: Parameters, gradients: Tensors) -> None:
+        """Add the slopes to the gradients of a parameters, in place.
+
+        They change slowly: they are computed anew in every `PRICE.steps`-th call, and after
+        `forget`.
+        """
+        if self._added % PRICE.steps == 0:
+            self._slopes = self._computed(parameters)
+        self._added += 1
+        for name, slope in self._slopes.items():
+            gradients[name].add_(slope)
+
+    def forget(self) -> None:
+        """Compute the slopes anew in the next call: the Gaussians have another order."""
+        self._added = 0
+
+    def _computed(self, parameters: Parameters) -> dict[str, Tensor]:
+        slopes = {}
+        for name, step in self._steps.items():
+            if name not in parameters.raw:
+                continue
+            value = parameters.raw[name]
+            columns = value.reshape(len(value), -1)
+            if name in MOTION:
+                slope = PRICE.motion * _slope(columns - _usual(columns), step)
+            else:
+                slope = self._of_look(parameters, name, columns, step)
+            slopes[name] = self._weight * slope.reshape(value.shape)
+        return slopes
+
+    def _of_look(self, parameters: Parameters, name: str, value: Tensor, step: Tensor) -> Tensor:
+        """Slopes of an attribute whose changes are stored of carried Gaussians, (N, C)."""
+        carried = parameters.carried
+        total = torch.zeros_like(value)
+        if carried is not None:
+            total += PRICE.change * carried * _slope(value, step)
+        new = 1.0 if carried is None else 1 - carried
+        if name == "log_opacity":
+            total += PRICE.log_opacity * new * _slope(value, step)
+        elif name == "log_scale":
+            total += PRICE.log_scale * new * _slope(value - _usual(value), step)
+        return total
+
+
+def _slope(value: Tensor, step: Tensor) -> Tensor:
+    """Derivative of ln(1 + |value| / step)."""
+    return value.sign() / (value.abs() + step)
+
+
+def _usual(value: Tensor) -> Tensor:
+    """Mean of the neighbours in drawing order, (N, C)."""
+    near = PRICE.near
+    return avg_pool1d(value.T[None], near, 1, near // 2, count_include_pad=False)[0].T

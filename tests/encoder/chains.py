@@ -1,0 +1,61 @@
+"""Chains of small GOPs, for the tests of chains and of what is around them."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Sequence
+from itertools import accumulate, pairwise
+
+import numpy as np
+
+from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.source import ChainFrames
+from tests.gops import encoded, make_chain
+
+LENGTHS = (3, 2, 1, 4)
+PAYLOADS = make_chain(LENGTHS)
+BUDGET = Budget(30)
+
+
+def ranges(lengths: Sequence[int]) -> list[range]:
+    return [range(*pair) for pair in pairwise(accumulate(lengths, initial=0))]
+
+
+RESULTS = list(map(encoded, ranges(LENGTHS), PAYLOADS))
+
+
+def frames_of(lengths: Sequence[int] = LENGTHS) -> ChainFrames:
+    """Frames of which each is of one level, its number."""
+    gops = ranges(lengths)
+    return ChainFrames(
+        gops,
+        [np.stack([np.full((4, 6, 3), number, np.uint8) for number in gop]) for gop in gops],
+        [40 * np.arange(gop.start, gop.stop) for gop in gops],
+        [np.full(len(gop), 40) for gop in gops],
+    )
+
+
+def driven(
+    jobs: Generator[GopJob, EncodedGop, None], results: Sequence[EncodedGop]
+) -> list[GopJob]:
+    """Answer each job with the next result, and return the jobs."""
+    found = [next(jobs)]
+    for result in results:
+        try:
+            found.append(jobs.send(result))
+        except StopIteration:
+            break
+    return found
+
+
+def chains_of(*lengths: Iterable[int]) -> list[Chain]:
+    """Return chains of GOPs of these lengths."""
+    chains: list[Chain] = []
+    start = 0
+    for own in lengths:
+        stops = list(accumulate(own, initial=start))
+        chains.append([range(*pair) for pair in pairwise(stops)])
+        start = stops[-1]
+    return chains
