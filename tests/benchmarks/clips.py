@@ -60,6 +60,7 @@ _FALL = 3.0
 @click.option("--frames", type=click.IntRange(min=2), help="The first ones of each only.")
 @click.option("--preset", help="Instead of all times, to try it out.")
 @click.option("--set", "more", multiple=True, help="NAME=VALUE of all encodes, the value as JSON.")
+@click.option("--against", help="Other encoders, as of gsvrreport, instead of the table's own.")
 @click.option("--keep", type=click.Path(path_type=Path), help="Directory for the .gsvr files.")
 @click.option("--json", "output", type=click.Path(path_type=Path), help="Write the rows here.")
 def main(
@@ -68,6 +69,7 @@ def main(
     frames: int | None,
     preset: str | None,
     more: tuple[str, ...],
+    against: str | None,
     keep: Path | None,
     output: Path | None,
 ) -> None:
@@ -101,7 +103,8 @@ def main(
                     if output is not None:
                         save(output, _document(added, rows, refused, studies))
                 if table in AGAINST and files:
-                    references = [parse_reference(name) for name in AGAINST[table]]
+                    names = against.split(",") if against else AGAINST[table]
+                    references = [parse_reference(name) for name in names]
                     found = study(clip, files, references)
                     studies[clip.name if table == "rate" else f"{clip.name}, {table}"] = found
                     print(*_bd_lines(found), sep="\n", flush=True)
