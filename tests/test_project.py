@@ -70,7 +70,7 @@ def test_options_exist() -> None:
     assert named <= known
 
 
-PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/cluster.md"]
+PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/cluster.md", "docs/tuning.md"]
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -147,7 +147,7 @@ class TestSettings:
         assert result.psnr > 18
 
     def test_unknown_setting_fails(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="`quality` is not an argument of `encode`$"):
+        with pytest.raises(UsageError, match=r"`quality` is not an argument of `encode`$"):
             quick(making.NOISE, tmp_path / "a.gsvr", quality=3)
 
 
