@@ -13,10 +13,15 @@ import click
 import pytest
 
 from gsvrcodec.cli import dec, enc, info, play, report
+from gsvrcodec.encoder import tuned as encoder_tuned
+from gsvrcodec.fit import recipe
+from gsvrcodec.fit import tuned as fit_tuned
 from tests import making
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text("utf-8")
+#: Where constants are that were found by trying.
+TUNED = (encoder_tuned, fit_tuned, recipe)
 COMMANDS = {
     "gsvrenc": enc.command,
     "gsvrdec": dec.command,
@@ -80,6 +85,15 @@ def test_links_and_paths_exist(page: str) -> None:
     paths = re.findall(r"`((?:gsvrcodec|spec|tests|samples)/[\w./]+)`", text)
     for path in [*links, *paths]:
         assert (ROOT / path).exists(), path
+
+
+def test_the_tuning_table_names_constants() -> None:
+    table = (ROOT / "docs" / "tuning.md").read_text("utf-8")
+    named = re.findall(r"`([A-Z_]{3,})\.(\w+)`", table)
+    assert len(named) > 30
+    topics = {name: value for home in TUNED for name, value in vars(home).items()}
+    for topic, constant in named:
+        assert hasattr(topics[topic], constant), f"{topic}.{constant}"
 
 
 def test_ci_finds_the_commands_of_the_readme() -> None:

@@ -104,7 +104,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
     fitter = _Fitter(job)
     fitted = fitter.predicted() or fitter.key()
     packer = _Packer(job, fitted)
-    if job.options.profile == "paper":
+    if job.settings.profile == "paper":
         stored = as_published(fitted, fitter.backend)
     else:
         candidate = quantisable(
@@ -174,7 +174,7 @@ class _Fitter:
         """Fit so many Gaussians with a share of the job's effort."""
         job, effort = self._job, self._allowance(gaussians, share)
         what = self._footage, gaussians, job.grid, job.options, effort, self.backend
-        if job.options.profile == "paper":
+        if job.settings.profile == "paper":
             return fit_as_published(*what, seed=job.seed)
         return fit_gop(*what, seed=job.seed, slope=job.budget.slope)
 

@@ -212,7 +212,7 @@ class EncodeSettings:
     @property
     def fit_options(self) -> FitOptions:
         """How GOPs are fitted."""
-        return FitOptions(profile=self.profile, deform=self.deform, flow=self.flow, tune=self.qat)
+        return FitOptions(deform=self.deform, flow=self.flow, tune=self.qat)
 
     def recorded(self) -> dict[str, Any]:
         """What the file keeps: all that shapes its content."""
@@ -240,7 +240,9 @@ def _is(value: object, kind: Any) -> bool:
         return value in get_args(kind)
     if kind in (int, float):
         return isinstance(value, (int, kind)) and not isinstance(value, bool)
-    return isinstance(value, get_origin(kind) or kind)
+    if get_origin(kind) is tuple:
+        return isinstance(value, (tuple, list)) and len(value) == len(get_args(kind))
+    return isinstance(value, kind)
 
 
 #: Types in words.

@@ -16,7 +16,6 @@ Profile = Literal["main", "paper"]
 class FitOptions:
     """How GOPs are fitted."""
 
-    profile: Profile = "main"  #: "paper" = start, rates and quantisation of the publication
     deform: Deform = "hybrid"  #: parts of the deformation field in use
     flow: Flow = "dis"  #: optical flow that the Gaussians' motion starts from
     tune: bool = True  #: fine-tune under quantisation

@@ -5,9 +5,9 @@ A target knows how many Gaussians are fitted for it, and at which qscale the fit
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from gsvrcodec.fit.search import (
     Candidate,
@@ -21,8 +21,10 @@ from gsvrcodec.fit.search import (
 from gsvrcodec.fit.tuned import RATE_CONTROL
 
 
-class Target(Protocol):
+class Target(ABC):
     """What the encode of one GOP aims at."""
+
+    __slots__ = ()
 
     def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
         """Fit a key GOP.
@@ -33,7 +35,9 @@ class Target(Protocol):
             most: Bound of N.
             timed: Whether a wall time leaves no room for fits that are thrown away.
         """
+        return fit(gaussians, 1.0)
 
+    @abstractmethod
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store a fit.
 
@@ -44,12 +48,8 @@ class Target(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Count:
+class Count(Target):
     """So many Gaussians, at the usual qscale."""
-
-    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
-        """Fit as many as asked for."""
-        return fit(gaussians, 1.0)
 
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale of the GOP before, or at the usual one."""
@@ -57,15 +57,11 @@ class Count:
 
 
 @dataclass(frozen=True, slots=True)
-class Size:
+class Size(Target):
     """A size of the payload."""
 
     bytes: int
     exact: bool = True  #: whether it has to be met; else later GOPs make up for it
-
-    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
-        """Fit as many as planned."""
-        return fit(gaussians, 1.0)
 
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale that meets the size, or near that of the GOP before."""
@@ -78,7 +74,7 @@ class Size:
 
 
 @dataclass(frozen=True, slots=True)
-class Quality:
+class Quality(Target):
     """A mean PSNR of the decoded frames."""
 
     psnr: float  #: dB

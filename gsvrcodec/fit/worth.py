@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool1d
 
 from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters, Tensors
-from gsvrcodec.fit.search import Candidate, F, R
+from gsvrcodec.fit.search import Candidate, R
+from gsvrcodec.fit.target import Target
 from gsvrcodec.fit.tuned import PRICE, SLOPE, STEPS
 from gsvrcodec.model.quantise import Steps
 
@@ -24,7 +24,7 @@ def bit_worth(qscale: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Slope:
+class Slope(Target):
     """What a bit has to save, whatever number of bits that takes."""
 
     qscale: float  #: of the steps that a GOP is stored with that no other builds on
@@ -42,12 +42,8 @@ class Slope:
         """Factor of the steps of the GOP: finer where others build on it."""
         return self.qscale / math.pow(self.lasting, SLOPE.lasting)
 
-    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
-        """Fit a first guess; the number changes on the way. As `fit.target.Target`."""
-        return fit(gaussians, 1.0)
-
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
-        """Store at the qscale of the slope. As `fit.target.Target`."""
+        """Store at the qscale of the slope."""
         return candidate.quantised(self.stored_qscale)
 
     def gaussians(self, pixels: int, error: float, steps: float) -> int:

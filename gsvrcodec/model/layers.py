@@ -19,13 +19,12 @@ DYNAMIC_DISPLACEMENT = 1 / 160
 def select_layers(gop: Gop, layers: Layers, coded_size: tuple[int, int]) -> Gop:
     """Return a GOP with the Gaussians of one layer, or of both.
 
-    The median motion of a GOP's Gaussians, by their areas, is taken for the motion of the camera:
-    half of the picture moves less, half moves more. A Gaussian is
-    dynamic if its polynomial takes it more than 1/160 of the frame's longer side away from the
-    median motion. The dynamic indicator does not decide: fits leave it near its initial value for
-    nearly all Gaussians. Where pictures are sums, those of the two layers add up to the whole
-    picture, except where a sample is clamped at black or white. Where they are means, a layer shows
-    the mean of its own Gaussians: what the other layer hides is seen.
+    The median motion of a GOP's Gaussians, weighted by their areas, is taken for the motion of the
+    camera. A Gaussian is dynamic if its polynomial takes it more than 1/160 of the frame's longer
+    side away from the median motion. The dynamic indicator does not decide: fits leave it near its
+    initial value for nearly all Gaussians. Where pictures are sums, those of the two layers add up
+    to the whole picture, except where a sample is clamped at black or white. Where they are means,
+    a layer shows the mean of its own Gaussians: what the other layer hides is seen.
 
     Args:
         gop: All Gaussians; the result shares the tri-plane.

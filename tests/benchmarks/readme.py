@@ -45,12 +45,12 @@ _CLIPS = {
 }
 
 
-def times(results: Mapping[str, Json]) -> Iterator[str]:
+def times(results: dict[str, Json]) -> Iterator[str]:
     """Yield PSNR by the time of an encode, beside the publication's."""
     published = dict(PUBLISHED_TIMES)
     heads = ("seconds a frame", "publication, RTX A6000", "ours, 2 CPU cores", "worst frame", "bpp")
     rows = []
-    for row in rows_of(dict(results), "time"):
+    for row in rows_of(results, "time"):
         seconds = row["settings"]["time_budget"]
         rows.append(
             [
@@ -64,9 +64,9 @@ def times(results: Mapping[str, Json]) -> Iterator[str]:
     yield from table(heads, rows)
 
 
-def rates(results: Mapping[str, Json]) -> Iterator[str]:
+def rates(results: dict[str, Json]) -> Iterator[str]:
     """Yield bits a pixel at three qualities, of ours and of others."""
-    (ours,) = our_curves(dict(results)).values()
+    (ours,) = our_curves(results).values()
     others = reference_curves(results["bunny-references"])
     curves = {"ours": ours} | {name: others[label] for label, name in _OTHERS.items()}
     rows = []
@@ -79,7 +79,7 @@ def rates(results: Mapping[str, Json]) -> Iterator[str]:
     yield from table(["encoder", *(f"bpp at {level:g} dB" for level in LEVELS)], rows)
 
 
-def clips(results: Mapping[str, Json]) -> Iterator[str]:
+def clips(results: dict[str, Json]) -> Iterator[str]:
     """Yield BD-rates against x264, by PSNR and by MS-SSIM."""
     labels = ("x264 medium key 12", "x264 medium")
     rows, percents = [], []
@@ -105,14 +105,14 @@ def _percents(curve: Json) -> tuple[float, float]:
     return curve["bd_rate"]["percent"], curve["bd_rate_ms_ssim"]["percent"]
 
 
-TABLES: Mapping[str, Callable[[Mapping[str, Json]], Iterator[str]]] = {
+TABLES: Mapping[str, Callable[[dict[str, Json]], Iterator[str]]] = {
     "times": times,
     "rates": rates,
     "clips": clips,
 }
 
 
-def filled(text: str, results: Mapping[str, Json]) -> str:
+def filled(text: str, results: dict[str, Json]) -> str:
     """Return the README with its tables as the results have them."""
     for name, rows in TABLES.items():
         before, begin, rest = text.partition(f"<!-- {name} -->\n")

@@ -65,6 +65,7 @@ class TestFootage:
 
 
 class TestX264:
+    @pytest.mark.usefixtures("exact_x264")
     @pytest.mark.parametrize("key", [None, 3])
     def test_it_is_what_the_report_measures(
         self, footage: Footage, tmp_path: Path, key: int | None

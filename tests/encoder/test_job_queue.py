@@ -15,7 +15,7 @@ from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import GopJob
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.plan import Budget
-from gsvrcodec.encoder.run.local import processes_for
+from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ReadHere
 from gsvrcodec.errors import InputError
@@ -190,4 +190,5 @@ def processes_of(film: Path, *finished: range, **settings: Any) -> tuple[int, in
     with open_video(film) as video, holding(*finished) as checkpoint:
         lookahead = Lookahead(video, chosen, checkpoint)
         lookahead.chains, lookahead.complete = CHAINS, True
-        return processes_for(lookahead, checkpoint, video.info, chosen)
+        found = Processes.for_film(lookahead, checkpoint, video.info, chosen)
+        return found.workers, found.threads

@@ -31,6 +31,7 @@ from gsvrcodec.errors import UsageError
         {"keyint": 0.25},
         {"profile": "paper", "deform": "triplane", "pack": "png", "qat": False},
         {"crop": (16, 16, None, None), "start_frame": 3, "frames": 1},
+        {"crop": [16, 16, 0, 0]},
     ],
 )
 def test_good(settings: dict[str, Any]) -> None:
@@ -73,6 +74,7 @@ def test_good(settings: dict[str, Any]) -> None:
         ({"keyint": None}, "`keyint` must be a number, not None"),
         ({"audio": "no"}, "`audio` must be True or False, not 'no'"),
         ({"device": 0}, "`device` must be text, not 0"),
+        ({"crop": (64, 48)}, "`crop` must be \\(width, height, x, y\\) in pixels"),
         ({"crop": "64:48"}, "`crop` must be \\(width, height, x, y\\) in pixels, .*, not '64:48'"),
         ({"gop_min": 0}, "`gop_min` must be at least 1"),
         ({"params": 0}, "`params` must be at least 1"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,10 +38,10 @@ def fitted(
     *,
     gaussians: int = 100,
     seed: int = 0,
+    fit: Callable[..., Fit] = fit_gop,
 ) -> Fit:
     chosen, effort = options or FitOptions(), allowance or Allowance(150, None)
     grid = (0, 0, 0) if chosen.deform == "polynomial" else GRID
-    fit = fit_as_published if chosen.profile == "paper" else fit_gop
     return fit(shots, gaussians, grid, chosen, effort, BACKEND, seed=(seed, 7))
 
 
@@ -87,7 +89,7 @@ class TestFit:
         assert in_front.psnr > alone.psnr + 2
 
     def test_the_publication_s_profile_starts_at_random(self, shots: Footage) -> None:
-        paper, main = (fitted(shots, FitOptions(profile=profile)) for profile in ("paper", "main"))
+        paper, main = (fitted(shots, fit=fit) for fit in (fit_as_published, fit_gop))
         assert_finite(paper.gop)
         assert main.psnr > paper.psnr + 1
 
@@ -99,10 +101,14 @@ class TestEffort:
         assert found.tuning == Allowance(round(STAGED.effort * 400), None)
 
     @pytest.mark.parametrize(
-        "options", [FitOptions(tune=False), FitOptions(profile="paper")], ids=["main", "paper"]
+        "settings",
+        [{"options": FitOptions(tune=False)}, {"fit": fit_as_published}],
+        ids=["main", "paper"],
     )
-    def test_all_of_it_where_nothing_is_tuned(self, shots: Footage, options: FitOptions) -> None:
-        found = fitted(shots, options)
+    def test_all_of_it_where_nothing_is_tuned(
+        self, shots: Footage, settings: dict[str, Any]
+    ) -> None:
+        found = fitted(shots, **settings)
         assert found.steps == 150
         assert found.tuning is None
 

@@ -50,7 +50,35 @@ class Processes:
         settings: EncodeSettings,
     ) -> Self:
         """Return as many as have work; waits until the analysis knows of enough, or of the end."""
-        return cls(*processes_for(lookahead, checkpoint, info, settings))
+        pixels = info.width * info.height
+        pace = settings.time_budget or PROCESSES.step_seconds * frame_visits(settings) * pixels
+        # One process keeps a GPU busy.
+        wanted = settings.workers or int(settings.device != "cpu")
+        most = max(wanted, resolve_threads(settings.threads))
+
+        def missing(chains: Sequence[Chain]) -> list[Chain]:
+            return [chain for chain in chains if missing_frames(chain, checkpoint)]
+
+        def seconds(chains: Sequence[Chain]) -> float:
+            return pace * sum(missing_frames(chain, checkpoint) for chain in chains)
+
+        def enough(chains: Sequence[Chain]) -> bool:
+            return seconds(chains) > PROCESSES.least_seconds and len(missing(chains)) >= most
+
+        known = missing(lookahead.until(enough))
+        longest = max((len(gop) for chain in known for gop in chain), default=0)
+        frames = [chain[-1].stop - chain[0].start for chain in known]
+        if not lookahead.complete and settings.predicts:
+            frames.append(round(settings.keyint * (info.average_rate or DEFAULT_RATE)))
+        workers, threads = processes(
+            wanted,
+            settings.threads,
+            chains=len(known),
+            chain_bytes=3 * pixels * max(frames, default=0),
+            gop_bytes=3 * pixels * longest,
+            seconds=seconds(known),
+        )
+        return cls(workers, threads)
 
     def at_once(self) -> int:
         """Return how many tasks are done at the same time."""
@@ -263,39 +291,3 @@ def sendable(error: Exception) -> Exception:
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
-
-
-def processes_for(
-    lookahead: Lookahead, checkpoint: Checkpoint, info: VideoInfo, settings: EncodeSettings
-) -> tuple[int, int]:
-    """Return the number of processes that fit a film, and of their threads together.
-
-    Waits until the analysis has found enough work for all of them, or the end of the film.
-    """
-    pixels = info.width * info.height
-    pace = settings.time_budget or PROCESSES.step_seconds * frame_visits(settings) * pixels
-    # One process keeps a GPU busy.
-    wanted = settings.workers or int(settings.device != "cpu")
-    most = max(wanted, resolve_threads(settings.threads))
-
-    def missing(chains: Sequence[Chain]) -> list[Chain]:
-        return [chain for chain in chains if missing_frames(chain, checkpoint)]
-
-    def seconds(chains: Sequence[Chain]) -> float:
-        return pace * sum(missing_frames(chain, checkpoint) for chain in chains)
-
-    def enough(chains: Sequence[Chain]) -> bool:
-        return seconds(chains) > PROCESSES.least_seconds and len(missing(chains)) >= most
-
-    known = missing(lookahead.until(enough))
-    frames = [chain[-1].stop - chain[0].start for chain in known]
-    if not lookahead.complete and settings.predicts:
-        frames.append(round(settings.keyint * (info.average_rate or DEFAULT_RATE)))
-    return processes(
-        wanted,
-        settings.threads,
-        chains=len(known),
-        chain_bytes=3 * pixels * max(frames, default=0),
-        gop_bytes=3 * pixels * max((len(gop) for chain in known for gop in chain), default=0),
-        seconds=seconds(known),
-    )
