@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -35,54 +34,58 @@ class WholeGop:
 class GopUnpacker:
     """Unpacks the GOPs of a file; for one thread.
 
-    The GOPs unpacked last stay in memory, so that GOPs in a row are unpacked once each; any other
-    GOP is unpacked from the nearest of them in its chain, or from the key GOP. All ways give the
-    same values.
+    A GOP is unpacked from the nearest known GOP of its chain, or from the key GOP. All ways give
+    the same values.
 
     Args:
         reader: The file.
         limits: Limits on the content.
-        remembered: GOPs to keep in memory.
     """
 
-    def __init__(self, reader: GsvrReader, limits: Limits, remembered: int = 2) -> None:
+    def __init__(self, reader: GsvrReader, limits: Limits) -> None:
         self._reader = reader
         self._limits = limits
-        self._most = remembered
-        self._recent: OrderedDict[int, WholeGop] = OrderedDict()
+        self._last: dict[int, WholeGop] = {}
         self._faults: dict[int, CorruptError] = {}
 
-    def __len__(self) -> int:
-        """Return the number of GOPs in memory."""
-        return len(self._recent)
-
     def unpack(self, position: int) -> WholeGop:
-        """Return GOP `position` of the reader.
+        """Return GOP `position` of the reader; GOPs in a row are unpacked once each.
 
         Raises:
             CorruptError: The GOP, or one of its chain, is damaged or lost; the damaged chunk and
                 its offset are named.
             LimitError: The GOP, or one of its chain, is over the limits.
         """
+        for link, whole in self.up_to(position, self._last.get):
+            self._last = {link: whole}
+        return self._last[position]
+
+    def up_to(
+        self, position: int, known: Callable[[int], WholeGop | None]
+    ) -> Iterator[tuple[int, WholeGop]]:
+        """Unpack the GOPs of a chain, and yield each with its position; raises as `unpack`.
+
+        Args:
+            position: The last one, position in the reader.
+            known: A GOP of the chain by its position; None = it has to be unpacked. The nearest
+                known one is begun from.
+        """
         chain = self._reader.chain_of(position)
-        start = max((n for n, link in enumerate(chain) if link in self._recent), default=-1)
-        if start >= 0:
-            self._recent.move_to_end(chain[start])
-        for number in range(start + 1, len(chain)):
-            link = chain[number]
+        for link in chain:
             if link in self._faults:
                 raise self._fault(link, position)
+        start, whole = len(chain), None
+        while start and (whole := known(chain[start - 1])) is None:
+            start -= 1
+        for number, link in enumerate(chain[start:], start):
+            before = chain[number - 1] if number else None
             try:
                 with _located(self._reader.gops[link].chunk):
-                    content = self._content(chain[: number + 1])
-                    whole = self._whole(content, chain[number - 1] if number else None)
+                    whole = self._whole(self._content(chain[: number + 1]), before, whole)
             except CorruptError as error:
                 self._faults[link] = error.located(error.chunk or "", error.offset or 0)
                 raise self._fault(link, position) from error
-            self._recent[link] = whole
-            if len(self._recent) > self._most:
-                self._recent.popitem(last=False)
-        return self._recent[position]
+            yield link, whole
 
     def _content(self, chain: list[int]) -> GopContent:
         """Decode what the last GOP of a chain holds."""
@@ -93,11 +96,12 @@ class GopUnpacker:
         self._limits.check_expansion(4 * GAUSSIAN_PARAMETERS * entry.gaussians, sizes)
         return unpack_gop(payload, self._reader.header, self._limits)
 
-    def _whole(self, content: GopContent, reference: int | None) -> WholeGop:
-        """Take over what stays of the reference, which is in memory."""
+    def _whole(
+        self, content: GopContent, reference: int | None, known: WholeGop | None
+    ) -> WholeGop:
+        """Take over what stays of the reference, whose position and content are given."""
         whole, kept = content.new, None
-        if reference is not None and content.carried is not None:
-            known = self._recent[reference]
+        if known is not None and content.carried is not None:
             blending = self._reader.header.blending
             whole = content.gop(known.gop, len(known.pts), blending)
             kept = content.carried.mode != DROPPED

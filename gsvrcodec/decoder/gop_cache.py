@@ -8,7 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
-from threading import Lock
+from functools import cached_property
+from threading import RLock
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -33,13 +34,18 @@ _OBJECTS_BYTES = 2**14
 LEAST_CACHED_GOPS = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ReadyGop:
     """An unpacked GOP, ready to be rendered."""
 
-    prepared: Prepared  #: its Gaussians, those carried over included, where they are rendered
     position: int  #: its position in the file
-    whole: WholeGop  #: what it was prepared from
+    whole: WholeGop  #: all its Gaussians, those carried over included
+    prepare: Callable[[Gop], Prepared]  #: takes them where they are rendered
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """Its Gaussians where they are rendered; taken there when they are first asked for."""
+        return self.prepare(by_level(self.whole.gop))
 
     @property
     def first_frame(self) -> int:
@@ -74,8 +80,8 @@ class GopCache:
     """Unpacked GOPs of a file; those used last stay in memory, `CACHED_BYTES`. Thread-safe.
 
     A thread of the cache unpacks GOPs, so that the next GOP can be unpacked while frames of the
-    current GOP are rendered; without it they are unpacked by the thread that asks for them. The
-    cache keeps as many GOPs without what rendering needs, for GOPs that are predicted from them.
+    current GOP are rendered; without it they are unpacked by the thread that asks for them. GOPs
+    that others are predicted from are kept like those that were asked for.
     """
 
     def __init__(
@@ -94,10 +100,10 @@ class GopCache:
         self._prepare = prepare
         self._cache: OrderedDict[int, Future[ReadyGop]] = OrderedDict()
         self._most = _cached_gops(self.reader.header)
-        self._unpacker = GopUnpacker(reader, limits, self._most)
+        self._unpacker = GopUnpacker(reader, limits)
         self._ahead = ahead
         self._worker = ThreadPoolExecutor(1, "gsvr-unpack") if ahead else _AtOnce()
-        self._lock = Lock()
+        self._lock = RLock()  # without a worker, GOPs are unpacked by the thread that holds it
         self._closed = False
 
     def get(self, position: int) -> ReadyGop:
@@ -166,16 +172,43 @@ class GopCache:
         with self._lock:
             self.check_open()
             if position not in self._cache:
-                self._cache[position] = self._worker.submit(self._ready, position)
-                if len(self._cache) > self._most:
-                    self._cache.popitem(last=False)
+                self._add(position, self._worker.submit(self._ready, position))
             self._cache.move_to_end(position)
             return self._cache[position]
 
+    def _add(self, position: int, future: Future[ReadyGop]) -> None:
+        """Keep a GOP, in place of the one that was not used for the longest time."""
+        self._cache[position] = future
+        if len(self._cache) > self._most:
+            self._cache.popitem(last=False)
+
     def _ready(self, position: int) -> ReadyGop:
-        """Unpack and prepare a GOP; in one thread at a time."""
-        whole = self._unpacker.unpack(position)
-        return ReadyGop(self._prepare(by_level(whole.gop)), position, whole)
+        """Unpack and prepare a GOP, and keep the GOPs on the way; in one thread at a time."""
+        for link, whole in self._unpacker.up_to(position, self._known):
+            ready = ReadyGop(link, whole, self._prepare)
+            if link != position:
+                self._keep(ready, position)
+        _ = ready.prepared
+        return ready
+
+    def _known(self, position: int) -> WholeGop | None:
+        """Return a GOP if it is in memory, and mark it as used last."""
+        with self._lock:
+            future = self._cache.get(position)
+            if future is None or not future.done() or future.cancelled() or future.exception():
+                return None
+            self._cache.move_to_end(position)
+            return future.result().whole
+
+    def _keep(self, ready: ReadyGop, wanted: int) -> None:
+        """Keep a GOP that another is predicted from, which is `wanted` and stays the last used."""
+        with self._lock:
+            if ready.position not in self._cache:
+                future: Future[ReadyGop] = Future()
+                future.set_result(ready)
+                self._add(ready.position, future)
+            if wanted in self._cache:
+                self._cache.move_to_end(wanted)
 
 
 def _cached_gops(header: Header) -> int:
@@ -183,5 +216,5 @@ def _cached_gops(header: Header) -> int:
     x, y, time = header.max_grid
     grids = TRIPLANE_CHANNELS * (x * y + x * time + y * time)
     parameters = GAUSSIAN_PARAMETERS * header.max_gaussians + grids
-    # One copy to render, its original, and the reference of the next GOP.
-    return max(LEAST_CACHED_GOPS, CACHED_BYTES // (_OBJECTS_BYTES + 3 * 4 * parameters))
+    # One copy to render, and its original.
+    return max(LEAST_CACHED_GOPS, CACHED_BYTES // (_OBJECTS_BYTES + 2 * 4 * parameters))

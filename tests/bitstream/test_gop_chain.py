@@ -107,21 +107,19 @@ class TestUnpacker:
             assert carried is not None
             assert set(carried.mode.tolist()) == {0, 1, 2, 3, 4}
 
-    @pytest.mark.parametrize("remembered", [1, 2, 4])
     @pytest.mark.parametrize(
         "order",
         [range(6), range(5, -1, -1), [5, 0, 5, 3, 4, 1], random.Random(3).choices(range(6), k=40)],
         ids=["forwards", "backwards", "jumps", "random"],
     )
-    def test_any_order_gives_the_same(self, order: Sequence[int], remembered: int) -> None:
+    def test_any_order_gives_the_same(self, order: Sequence[int]) -> None:
         reader = opened(FILE)
-        unpacker = GopUnpacker(reader, Limits(), remembered)
+        unpacker = GopUnpacker(reader, Limits())
         for position in order:
             found = unpacker.unpack(position)
             assert found.first_frame == reader.gops[position].first_frame
             assert len(found.gop) == reader.gops[position].gaussians
             assert_gops_equal(found.gop, WHOLE[position].gop)
-            assert len(unpacker) <= remembered
 
     def test_in_a_row_each_gop_is_read_once(self, monkeypatch: pytest.MonkeyPatch) -> None:
         reader = opened(FILE)
@@ -139,6 +137,9 @@ class TestUnpacker:
         assert read == list(range(6))
         GopUnpacker(reader, Limits()).unpack(3)
         assert read[6:] == [0, 1, 2, 3]
+        known = {1: WHOLE[1], 4: WHOLE[4]}
+        rest = GopUnpacker(reader, Limits()).up_to(3, known.get)
+        assert [position for position, _ in rest] == read[10:] == [2, 3]
 
     def test_a_damaged_gop_costs_the_rest_of_its_chain_alone(self) -> None:
         key = make_payloads(1)[0]

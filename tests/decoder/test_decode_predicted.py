@@ -90,8 +90,18 @@ class TestFrames:
     def test_few_large_gops_in_memory(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(gop_cache, "CACHED_BYTES", 1)
         with gsvrcodec.open(path) as decoder:
-            for _ in decoder:
-                assert len(decoder._gops._unpacker) <= LEAST_CACHED_GOPS
+            decoder.get_frame_at(19)  # through all GOPs of the chain
+            assert len(decoder._gops._cache) == LEAST_CACHED_GOPS
+            last = decoder._gops.get(6)
+            decoder.get_frame_at(0)
+            assert decoder._gops.get(6) is last
+            assert len(decoder._gops._cache) == LEAST_CACHED_GOPS
+
+    def test_gops_on_the_way_stay_in_memory(self, decoder: Decoder) -> None:
+        key = decoder._gops.get(0).whole
+        decoder.get_frame_at(19)
+        assert len(decoder._gops._cache) == 7
+        assert decoder._gops.get(0).whole is key
 
 
 class TestBetween:

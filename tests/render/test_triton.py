@@ -187,9 +187,7 @@ def test_pictures_are_tensors(blending: Blending) -> None:
     made = []
     for maker in arrays, tensors:
         first, second, predicted = (
-            ReadyGop(
-                maker.prepare(gop), position, WholeGop(gop, start, pts, np.ones_like(pts), *before)
-            )
+            ReadyGop(position, WholeGop(gop, start, pts, np.ones_like(pts), *before), maker.prepare)
             for position, (gop, start, pts, before) in enumerate(wholes)
         )
         pictures = maker.empty(4, (9, 7))
