@@ -137,12 +137,13 @@ def pack_gop(
     return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
 
 
-def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
+def unpack_gop(payload: bytes, header: Header | None, limits: Limits) -> GopContent:
     """Decode the payload of a GOP chunk.
 
     Args:
         payload: Of the GOP chunk.
-        header: Of the file; no maximum of the header may be exceeded.
+        header: Of the file; no maximum of the header may be exceeded. None = the GOP, of weighted
+            means, is in no file yet.
         limits: Limits on the content.
 
     Raises:
@@ -151,7 +152,7 @@ def unpack_gop(payload: bytes, header: Header, limits: Limits) -> GopContent:
         LimitError: The GOP is over `limits`.
     """
     head, pts, durations, entries, offset = _parse(payload, header, limits)
-    shape = head.shape(header.blending)
+    shape = head.shape(header.blending if header else "mean")
     values = unpack_planes(entries, payload, offset, shape, limits)
     carried = None if head.is_key else _carried(values, head)
     return GopContent(
@@ -171,11 +172,12 @@ def plane_table(
 
 
 def _parse(
-    payload: bytes, header: Header, limits: Limits
+    payload: bytes, header: Header | None, limits: Limits
 ) -> tuple[GopHead, Ticks, Ticks, tuple[PlaneEntry, ...], int]:
     """Head, timestamps, durations, plane table, and the offset of the first plane."""
     head = parse_gop_head(payload)
-    head.check_maxima(header)
+    if header is not None:
+        head.check_maxima(header)
     limits.check("gaussians", head.gaussians, "the number of Gaussians in a GOP")
     limits.check("gaussians", head.carried_from, "the number of Gaussians in a reference")
     limits.check("gop_frames", head.frames, "the number of frames in a GOP")
@@ -186,10 +188,10 @@ def _parse(
             f"the GOP's head says {head.last_pts} for {head.last_duration}",
             section="5.2",
         )
-    entries, offset = parse_plane_table(
-        payload, offset, head.planes, head.shape(header.blending).planes()
-    )
-    if not header.image_codecs and any(entry.codec in IMAGE_CODECS for entry in entries):
+    planes = head.shape(header.blending if header else "mean").planes()
+    entries, offset = parse_plane_table(payload, offset, head.planes, planes)
+    has_images = any(entry.codec in IMAGE_CODECS for entry in entries)
+    if header is not None and has_images and not header.image_codecs:
         raise CorruptError("PNG or JPEG XL in a file whose header has not their flag", section="4")
     return head, pts, durations, entries, offset
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import chain as joined
 from itertools import islice
 from statistics import fmean
@@ -15,7 +14,6 @@ from statistics import fmean
 import numpy as np
 
 from gsvrcodec.bitstream.gop_payload import unpack_gop
-from gsvrcodec.bitstream.header import Header
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import GopJob, Reference, encode_gop
@@ -113,7 +111,7 @@ class _State:
             self._spare = result.float_psnr - budget.target.psnr - RATE_CONTROL.rounding_loss
         if not self._settings.predicts or result.qscale is None:
             return
-        content = unpack_gop(result.payload, _ANY, Limits())
+        content = unpack_gop(result.payload, None, Limits())
         before = self.reference
         whole = content.new
         if before is not None and content.carried is not None:
@@ -139,15 +137,6 @@ class _State:
         return planned
 
 
-#: A header whose maxima no GOP of our own exceeds.
-_ANY = Header(
-    width=1,
-    height=1,
-    time_base=Fraction(1),
-    max_gaussians=2**32 - 1,
-    max_gop_frames=2**32 - 1,
-    max_grid=(2**16 - 1,) * 3,
-)
 #: Jobs of a chain: sent the result of one, it yields the next.
 ChainJobs = Generator[GopJob, EncodedGop, None]
 

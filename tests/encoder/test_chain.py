@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
+import gsvrcodec
 from gsvrcodec.encoder.chain import chain_jobs, shared_efforts
 from gsvrcodec.encoder.gop import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.settings import EncodeSettings, Pack
 from gsvrcodec.fit.target import Quality, Size
 from gsvrcodec.fit.worth import Slope
 from tests.encoder.chains import BUDGET, LENGTHS, PAYLOADS, RESULTS, driven, frames_of, ranges
@@ -200,3 +201,17 @@ class TestEfforts:
 
     def test_jobs_have_them(self) -> None:
         assert [job.effort for job in jobs_of()] == shared_efforts(LENGTHS)
+
+
+def test_the_codec_of_planes_changes_no_picture() -> None:
+    still = np.random.default_rng(0).integers(0, 256, (1, 24, 32, 3)).astype(np.uint8)
+    settings: dict[str, Any] = {"gaussians": 20, "gop": 2, "preset": "fastest"}
+    pictures = []
+    for pack in get_args(Pack):
+        done = gsvrcodec.encode(still.repeat(6, axis=0), fps=25, pack=pack, **settings)
+        assert done.data is not None
+        assert (done.gops, done.key_gops) == (3, 1)
+        with gsvrcodec.open(done.data) as decoder:
+            pictures.append(decoder[:].data)
+    for own in pictures[1:]:
+        np.testing.assert_array_equal(own, pictures[0])
