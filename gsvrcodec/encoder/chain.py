@@ -24,9 +24,8 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ChainFrames, ChainReader
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import WorkerError
-from gsvrcodec.fit.target import Quality, Size
+from gsvrcodec.fit.target import Quality, Size, Slope
 from gsvrcodec.fit.tuned import RATE_CONTROL
-from gsvrcodec.fit.worth import Slope
 from gsvrcodec.limits import Limits
 from gsvrcodec.versions import sources
 
@@ -70,6 +69,7 @@ def chain_jobs(
             first_frame=gop.start,
             budget=state.budget(budget, budgets[number:]),
             settings=settings,
+            execution=settings.execution,
             effort=efforts[number],
             seconds=left,
             reference=state.reference,
@@ -188,13 +188,13 @@ def one_by_one(
     """Encode the GOPs of a chain, one after another.
 
     Args:
-        chain: its jobs; `threads` of their settings is replaced.
+        chain: its jobs; `threads` of their execution is replaced.
         encode: does one.
         threads: native threads.
     """
     job = next(chain, None)
     while job is not None:
-        done = encode(replace(job, settings=replace(job.settings, threads=threads)))
+        done = encode(replace(job, execution=replace(job.execution, threads=threads)))
         job = None  # its frames are not needed any more
         yield done
         with suppress(StopIteration):

@@ -26,6 +26,7 @@ from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.chain import all_tasks
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Section
+from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.output import Destination, checked_target, open_output, verify_file
 from gsvrcodec.encoder.plan import Budget, plan
@@ -159,7 +160,7 @@ def encode(
         planned: list[Budget] = []
 
         def budgets_of(section: Section) -> list[Budget]:
-            taken = _taken(begin, extras, gops) if chosen.has_size else {}
+            taken = _taken(begin, extras, gops) if isinstance(chosen.target, FilmSize) else {}
             found = plan(section.chains, stats, size, chosen, seconds=section.seconds, **taken)
             planned.extend(found)
             return found

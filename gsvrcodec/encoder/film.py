@@ -6,16 +6,39 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
-from typing import Literal
+from statistics import fmean
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.tuned import ANALYSIS, RATE
+from gsvrcodec.encoder.film_target import FilmTarget
+from gsvrcodec.encoder.rate import bit_weights
+from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, GOP_LENGTH, RATE
+
+if TYPE_CHECKING:
+    from gsvrcodec.encoder.analysis import FrameStats
 
 #: Frames of GOPs of which each but the first may be predicted from the one before.
 Chain = list[range]
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """Which GOPs are asked for; see `EncodeSettings`."""
+
+    gop: int | Literal["adaptive"]  #: frames in a GOP, or by motion
+    gop_min: int  #: shortest adaptive GOP between cuts, frames
+    gop_max: int | None  #: longest adaptive GOP, frames; None = by the bits
+    keyint: float  #: longest time from one key GOP to the next, seconds; 0 = all are key GOPs
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Frames that are planned together."""
+
+    chains: list[Chain]  #: their numbers, by GOP
+    seconds: float  #: that they last
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +161,71 @@ def _adaptive_lengths(stats: Sequence[FrameStats], limits: GopLimits) -> list[in
     return [*lengths, rest]
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """Frames that are planned together."""
+def divided(
+    stats: Sequence[FrameStats],
+    size: tuple[int, int],
+    structure: Structure,
+    target: FilmTarget,
+    *,
+    seconds: float,
+) -> list[Chain]:
+    """Frames of each GOP, by chain.
 
-    chains: list[Chain]  #: their numbers, by GOP
-    seconds: float  #: that they last
+    A Gaussian that lives longer is paid for less often, but follows less of the motion, and many
+    Gaussians in a long GOP take a long fit. So GOPs are the longer the fewer bits a frame gets.
+
+    Args:
+        stats: statistics of every frame.
+        size: width and height, pixels.
+        structure: which GOPs are asked for.
+        target: what the file is to take or to reach.
+        seconds: duration of the video.
+    """
+    if not stats:
+        return []
+    bpp, psnr = target.bpp(stats, size, seconds), target.psnr(stats, size, seconds)
+    alone, chained = limits(bpp, len(stats), structure, seconds=seconds)
+
+    def pays(chain: Chain, apart: float) -> bool:
+        """Whether a chain costs clearly less than so many key GOPs.
+
+        Fast motion asks for short GOPs, and they follow it better than long ones.
+        """
+        if len(chain) == 1:
+            return True  # It is a key GOP.
+        assert chained is not None
+        frames = stats[chain[0].start : chain[-1].stop]
+        fast = fmean(pace(frame, chained.gops) for frame in frames) > CHAIN.fast
+        return fast or sum(bit_weights(chain, stats, psnr)) < CHAIN.worth * apart
+
+    return slice_gops(stats, structure.gop, alone, chained, pays)
+
+
+def limits(
+    bpp: float, frames: int, structure: Structure, *, seconds: float
+) -> tuple[GopLimits, ChainLimits | None]:
+    """When GOPs and chains end.
+
+    Args:
+        bpp: bits a pixel; inf = not known.
+        frames: of the video.
+        structure: which GOPs are asked for.
+        seconds: duration of the video.
+
+    Returns:
+        Limits of key GOPs from which none is predicted, and of chains; None = every GOP is a key
+        GOP.
+    """
+
+    def gops(longest: int, motion: float, fast_share: float = 0.0) -> GopLimits:
+        longest = structure.gop_max or max(longest, structure.gop_min)
+        return GopLimits(structure.gop_min, longest, motion, fast_share)
+
+    by_rate = min(round(GOP_LENGTH.frames_bpp / bpp), GOP_LENGTH.longest)
+    alone = gops(max(GOP_LENGTH.shortest, by_rate), ANALYSIS.threshold)
+    if not structure.keyint:
+        return alone, None
+    longer = min(max(1.0, CHAIN.longer_bpp / bpp), CHAIN.longer)
+    longest = round(longer**CHAIN.longest_power * CHAIN.longest)
+    chained = gops(longest, longer * CHAIN.threshold, CHAIN.fast_share)
+    return alone, ChainLimits(max(1, round(structure.keyint * frames / seconds)), chained)

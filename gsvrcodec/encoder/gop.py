@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,9 @@ from gsvrcodec.encoder.plan import (
     most_gaussians,
     triplane_grid,
 )
-from gsvrcodec.encoder.rate import frame_visits, visited_frames
+from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import as_published, fit_as_published
@@ -62,6 +62,7 @@ class GopJob:
     first_frame: int  #: number of the first frame in the file
     budget: Budget
     settings: EncodeSettings
+    execution: Execution = field(default_factory=Execution)
     effort: float = 1.0  #: optimiser steps / steps of the preset
     seconds: float | None = None  #: wall time to spend; None = by the preset
     reference: Reference | None = None  #: None = a key GOP
@@ -75,7 +76,7 @@ class GopJob:
     def steps(self) -> int:
         """Optimiser steps, without `seconds`."""
         frames = visited_frames(len(self.frames))
-        return round(self.effort * frame_visits(self.settings) * frames)
+        return round(self.effort * self.settings.frame_visits * frames)
 
     @property
     def grid(self) -> GridSize:
@@ -133,11 +134,10 @@ class _Fitter:
 
     def __init__(self, job: GopJob) -> None:
         self.began = time.perf_counter()
-        settings = job.settings
-        self._job = job
+        self._job, execution = job, job.execution
         self._footage = Footage(job.frames, normalised_time(job.pts))
         self.backend = backend_on(
-            choose_device(settings.device), settings.threads, settings.blending
+            choose_device(execution.device), execution.threads, job.settings.blending
         )
 
     def predicted(self) -> Fit | None:
@@ -182,7 +182,7 @@ class _Fitter:
         """Return a share of the job's effort, without the time that packing takes."""
         job, seconds, most = self._job, None, math.inf
         if job.seconds is not None:
-            most = fittable(job.seconds, job.settings)
+            most = fittable(job.seconds, job.execution)
             packing = EFFORT.packing_seconds * gaussians
             packing = min(packing, EFFORT.packing_share * job.seconds)
             seconds = share * (job.seconds - packing) - (time.perf_counter() - self.began)

@@ -17,8 +17,7 @@ import numpy as np
 from gsvrcodec.ahead import ahead
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.film import Chain, Section
-from gsvrcodec.encoder.rate import structure
+from gsvrcodec.encoder.film import Chain, Section, divided
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import LOOKAHEAD
 from gsvrcodec.fit.motion import flow_estimator
@@ -184,7 +183,8 @@ class Lookahead:
         info, stats = self._video.info, self.stats[begin:end]
         ticks = sum(self.durations[begin:end])
         seconds = float(ticks * info.time_base)
-        found = structure(stats, (info.width, info.height), self._settings, seconds=seconds)
+        size, settings = (info.width, info.height), self._settings
+        found = divided(stats, size, settings.structure, settings.target, seconds=seconds)
         chains = [[range(begin + gop.start, begin + gop.stop) for gop in chain] for chain in found]
         with self._changed:
             self.chains += chains

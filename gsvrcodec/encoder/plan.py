@@ -7,23 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import fmean
 
-import numpy as np
-
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.rate import (
-    bit_weights,
-    bpp_at,
-    bpp_for,
-    expected_psnr,
-    qscale_of,
-    wanted_bytes,
-)
-from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.film_target import Numbers
+from gsvrcodec.encoder.rate import bit_weights
+from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import CHAIN, RATE, TRIPLANE
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.target import Count, Quality, Size, Target
-from gsvrcodec.fit.worth import Slope
+from gsvrcodec.fit.target import Count, Size, Slope, Target
 from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import GridSize
 from gsvrcodec.model.reconstruction import Blending
@@ -61,14 +52,14 @@ def most_gaussians(size: tuple[int, int]) -> int:
     return max(1, size[0] * size[1] // 2)
 
 
-def fittable(seconds: float, settings: EncodeSettings) -> float:
+def fittable(seconds: float, execution: Execution) -> float:
     """Most Gaussians that a fit of so many seconds suffices for, on a CPU.
 
     With more of them a predicted GOP takes too few steps, and looks worse at more bits.
     """
-    if choose_device(settings.device) != "cpu":
+    if choose_device(execution.device) != "cpu":
         return math.inf
-    return seconds * resolve_threads(settings.threads) * CHAIN.fitted_a_second
+    return seconds * resolve_threads(execution.threads) * CHAIN.fitted_a_second
 
 
 def triplane_grid(size: tuple[int, int], frames: int, settings: EncodeSettings) -> GridSize:
@@ -163,22 +154,20 @@ def plan(
     Raises:
         UsageError: The size asked for is too little for this video.
     """
-    if not settings.has_target:
+    target = settings.target
+    if isinstance(target, Numbers):
         counts = allocate(chains, size, settings)
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]
     section = stats[chains[0][0].start : chains[-1][-1].stop]
-    psnr = expected_psnr(section, size, settings, seconds=seconds)
-    stats_of = [stats[chain[0].start : chain[-1].stop] for chain in chains]
-    area = size[0] * size[1]
-    qscale = None if settings.quality is None else qscale_of(settings.quality)
-    if settings.target_psnr is not None:
-        bits = [len(own) * area * bpp_for(own, settings.target_psnr) for own in stats_of]
-    elif qscale is not None:
-        bits = [len(own) * area * bpp_at(own, qscale) for own in stats_of]
-    else:
-        option, total = wanted_bytes(settings, size, chains[-1][-1].stop, seconds, streams)
-        sizes = _shares(stats_of, list(map(len, chains)), total - overhead, option)
-        bits = [8.0 * each for each in sizes]
+    psnr = target.psnr(section, size, seconds)
+    bits = target.chain_bits(
+        [stats[chain[0].start : chain[-1].stop] for chain in chains],
+        list(map(len, chains)),
+        size,
+        seconds=seconds,
+        overhead=overhead,
+        streams=streams,
+    )
     budgets = []
     for chain, whole in zip(chains, bits, strict=True):
         weights = bit_weights(chain, stats, psnr)
@@ -194,13 +183,9 @@ def plan(
             if number:
                 changing = min(1.0, weights[number])
                 cost = CHAIN.idle_step + (1 - CHAIN.idle_step) * changing
-            target: Target = Size(int(bits_of_gop / 8))
-            if settings.target_psnr is not None:
-                target = Quality(settings.target_psnr)
-            elif qscale is not None:
-                lasting = 1.0 if number else frames / len(gop) / sum(weights)
-                target = Slope(qscale, most, max(1.0, lasting))
-            budgets.append(Budget(gaussians, target, grid, cost))
+            lasting = 1.0 if number else frames / len(gop) / sum(weights)
+            own = target.of_gop(bits_of_gop, most, lasting)
+            budgets.append(Budget(gaussians, own, grid, cost))
     return budgets
 
 
@@ -209,30 +194,12 @@ def _most_gaussians(chain: Chain, weights: Sequence[float], settings: EncodeSett
     if settings.time_budget is None:
         return math.inf
     gops, changing = (chain[1:], fmean(weights[1:])) if len(chain) > 1 else (chain, 1.0)
-    return fittable(settings.time_budget * fmean(map(len, gops)), settings) / changing
+    return fittable(settings.time_budget * fmean(map(len, gops)), settings.execution) / changing
 
 
 def _gaussian_bits(chain: Chain) -> float:
     """Bits of the payload of a key GOP for each Gaussian, at the best trade."""
     return RATE.gaussian_bits if len(chain) == 1 else CHAIN.gaussian_bits
-
-
-def _shares(
-    stats_of: Sequence[Sequence[FrameStats]], gops: Sequence[int], total: float, option: str
-) -> list[int]:
-    """Bytes of each chain of so many GOPs: as many bits as are worth the same in all of them."""
-    spare = total - RATE.least_gop_bytes * sum(gops)
-    if spare < 0:
-        raise UsageError(
-            f"{option} leaves {max(0, round(total))} bytes for {sum(gops)} GOPs, which need "
-            f"{RATE.least_gop_bytes} each; raise it, use longer GOPs or a smaller picture"
-        )
-    needs = np.array([bpp_at(own, 1.0) for own in stats_of])
-    lengths = np.array([len(own) for own in stats_of])
-    mean = float((needs * lengths).sum()) / int(lengths.sum())
-    shares = lengths * np.clip(needs, mean / RATE.most_unequal, mean * RATE.most_unequal)
-    shares *= spare / shares.sum()
-    return [RATE.least_gop_bytes * n + int(share) for n, share in zip(gops, shares, strict=True)]
 
 
 def _grid(

@@ -17,8 +17,18 @@ from typing import (
     get_type_hints,
 )
 
+from gsvrcodec.encoder.film import Structure
+from gsvrcodec.encoder.film_target import (
+    ConstantQuality,
+    FilmSize,
+    FilmTarget,
+    MeanPsnr,
+    Numbers,
+)
+from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.recipe import Deform, FitOptions, Flow, Profile
+from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.video import Part
@@ -64,6 +74,15 @@ class EncodeOptions(TypedDict, total=False):
     deinterlace: bool
     audio: bool
     subtitles: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """Where an encode runs, which changes none of its bytes; see `EncodeSettings`."""
+
+    threads: int = 0  #: native threads; 0 = GSVR_THREADS or all cores
+    device: str = "auto"  #: that fits
+    workers: int = 0  #: chains side by side; 0 = by cores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +138,7 @@ class EncodeSettings:
         given = self._sizes
         if len(given) > 1:
             raise UsageError(f"`{given[0]}` and `{given[1]}` exclude each other; give one")
-        if self.profile == "paper" and self.has_target:
+        if self.profile == "paper" and not isinstance(self.target, Numbers):
             raise UsageError(
                 f"`profile='paper'` has fixed steps and cannot meet `{given[0]}`; "
                 "give `params` or `gaussians`"
@@ -165,33 +184,58 @@ class EncodeSettings:
         return DEFAULT_CRF if by_default else self.crf
 
     @property
-    def has_target(self) -> bool:
-        """Whether a size or a quality is to be met, whatever number of Gaussians it takes."""
-        return self.quality is not None or any(name in _TARGETS for name in self._sizes)
+    def target(self) -> FilmTarget:
+        """What the file is to take or to reach."""
+        if self.quality is not None:
+            return ConstantQuality(self.quality)
+        if self.target_psnr is not None:
+            return MeanPsnr(self.target_psnr)
+        for argument in _FILE_SIZES:
+            if (value := getattr(self, argument)) is not None:
+                return FilmSize(argument, value)
+        # What the numbers of the publication's profile take is not known.
+        return Numbers(self.params if self.profile == "main" else None, self.gaussians)
+
+    @property
+    def structure(self) -> Structure:
+        """Which GOPs the file has.
+
+        How many numbers a predicted GOP stores is known only when it is fitted, so that `params`
+        excludes them.
+        """
+        predicts = self.profile == "main" and self.params is None
+        return Structure(self.gop, self.gop_min, self.gop_max, self.keyint * predicts)
+
+    @property
+    def execution(self) -> Execution:
+        """Where the encode runs."""
+        return Execution(self.threads, self.device, self.workers)
+
+    @property
+    def predicts(self) -> bool:
+        """Whether GOPs may be predicted from the one before."""
+        return self.structure.keyint > 0
+
+    @property
+    def shares_out(self) -> bool:
+        """Whether bits, numbers or time are shared out over the whole film."""
+        return self.time_budget is not None or self.target.shares_out
+
+    @property
+    def frame_visits(self) -> float:
+        """How often a fit visits each frame, without a wall time.
+
+        A high quality has more Gaussians, which take longer.
+        """
+        visits = float(EFFORT.frame_visits[self.preset])
+        if self.quality is None:
+            return visits
+        return visits * max(1.0, 1 / qscale_of(self.quality))
 
     @property
     def _sizes(self) -> list[str]:
         """What was given that says how large the file is to be."""
         return [name for name in _SIZES if getattr(self, name) is not None]
-
-    @property
-    def has_size(self) -> bool:
-        """Whether a size of the whole file is to be met."""
-        return any(name in ("bpp", "bitrate", "target_size") for name in self._sizes)
-
-    @property
-    def shares_out(self) -> bool:
-        """Whether bits, numbers or time are shared out over the whole film."""
-        by_frame = (self.quality, self.target_psnr, self.gaussians)
-        return self.time_budget is not None or by_frame == (None, None, None)
-
-    @property
-    def predicts(self) -> bool:
-        """Whether GOPs may be predicted from the one before.
-
-        How many numbers a predicted GOP stores is known only when it is fitted.
-        """
-        return self.keyint > 0 and self.profile == "main" and self.params is None
 
     @property
     def copied_kinds(self) -> tuple[str, ...]:
@@ -216,8 +260,7 @@ class EncodeSettings:
 
     def recorded(self) -> dict[str, Any]:
         """What the file keeps: all that shapes its content."""
-        kept = asdict(self)
-        del kept["threads"], kept["workers"], kept["device"]
+        kept = {name: value for name, value in asdict(self).items() if name not in _EXECUTION}
         return kept | {"crf": self.quality}
 
 
@@ -254,9 +297,14 @@ _WORDS = {
 }
 _HIGHEST_CRF = 51  #: of x264
 _DEFAULT_PRESET: Preset = "medium"
-_TARGETS = ("crf", "bpp", "bitrate", "target_size", "target_psnr")
+_FILE_SIZES: tuple[Literal["bpp", "bitrate", "target_size"], ...] = (
+    "bpp",
+    "bitrate",
+    "target_size",
+)
 #: What says how large the file is to be.
-_SIZES = ("params", "gaussians", *_TARGETS)
+_SIZES = ("params", "gaussians", "crf", *_FILE_SIZES, "target_psnr")
+_EXECUTION = {field.name for field in fields(Execution)}
 _POSITIVE = {
     "time_budget": "seconds",
     "bpp": "bits a pixel",

@@ -18,10 +18,11 @@ from gsvrcodec.fit.motion import flow_estimator
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.parameters import Anchor, Parameters
 from gsvrcodec.fit.precision import equal_slope_steps, sensitivities
+from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import MAIN, FitOptions
 from gsvrcodec.fit.start import content_aware
+from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import EFFORT, PRICE, STAGED
-from gsvrcodec.fit.worth import Price, Slope, bit_worth
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.static import append_gaussians

@@ -15,10 +15,11 @@ from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, some_frames
 from gsvrcodec.fit.parameters import Parameters, Tensors
 from gsvrcodec.fit.precision import sensitivities
+from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import RELOCATION
-from gsvrcodec.fit.worth import Price, Slope
 from gsvrcodec.metrics import squared_error
 from gsvrcodec.render.backend import Samples
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, backdrop, some_frames
 from gsvrcodec.fit.parameters import LOOK, Anchor
+from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, RATE_CONTROL, STEPS
-from gsvrcodec.fit.worth import bit_worth
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
 from gsvrcodec.model.quantise import Precision, Refined, Steps

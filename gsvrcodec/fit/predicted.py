@@ -18,8 +18,8 @@ from gsvrcodec.fit.precision import noise
 from gsvrcodec.fit.recipe import PREDICTED, FitOptions
 from gsvrcodec.fit.relocate import effects, move_weakest
 from gsvrcodec.fit.start import tri_plane
+from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, START
-from gsvrcodec.fit.worth import bit_worth
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
 from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY

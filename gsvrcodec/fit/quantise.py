@@ -25,8 +25,8 @@ from gsvrcodec.fit.precision import (
 )
 from gsvrcodec.fit.recipe import MAIN, Deform, FitOptions, Recipe
 from gsvrcodec.fit.relocate import losses
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import STAGED
-from gsvrcodec.fit.worth import Slope
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.quantise import Precision, dequantised
 from gsvrcodec.model.static import select_gaussians

@@ -1,13 +1,17 @@
-"""Targets of a GOP: a number of Gaussians, a size, a quality; `worth.Slope` is the fourth.
+"""Targets of a GOP: a number of Gaussians, a size, a quality, a slope of rate and distortion.
 
 A target knows how many Gaussians are fitted for it, and at which qscale the fit is stored.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gsvrcodec.fit.search import (
     Candidate,
@@ -18,7 +22,7 @@ from gsvrcodec.fit.search import (
     quantise_to_psnr,
     quantise_to_size,
 )
-from gsvrcodec.fit.tuned import RATE_CONTROL
+from gsvrcodec.fit.tuned import RATE_CONTROL, SLOPE, STEPS
 
 
 class Target(ABC):
@@ -87,3 +91,54 @@ class Quality(Target):
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale that meets the quality."""
         return quantise_to_psnr(candidate, self.psnr)
+
+
+@dataclass(frozen=True, slots=True)
+class Slope(Target):
+    """What a bit has to save, whatever number of bits that takes."""
+
+    qscale: float  #: of the steps that a GOP is stored with that no other builds on
+    most: int  #: bound of the number of Gaussians
+    #: how much more a bit saves than in the frames of the GOP, because others build on them
+    lasting: float = 1.0
+
+    @property
+    def bit(self) -> float:
+        """Squared 8-bit codes that a bit of a Gaussian has to save in the frames of the GOP."""
+        return bit_worth(self.qscale) / self.lasting
+
+    @property
+    def stored_qscale(self) -> float:
+        """Factor of the steps of the GOP: finer where others build on it."""
+        return self.qscale / math.pow(self.lasting, SLOPE.lasting)
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale of the slope."""
+        return candidate.quantised(self.stored_qscale)
+
+    def gaussians(self, pixels: int, error: float, steps: float) -> int:
+        """Return the number of Gaussians at which one more would save just enough.
+
+        Args:
+            pixels: Of all frames that show the GOP.
+            error: Mean squared error so far, 8-bit codes.
+            steps: Of the whole fit; each Gaussian is worth more after many of them.
+        """
+        count = SLOPE.fall * error * pixels / (SLOPE.gaussian_bits * self.bit)
+        count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
+        return max(1, round(min(count, self.most)))
+
+    def worthwhile(self, losses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which Gaussians are worth their bits, (N,); at least one of them.
+
+        Args:
+            losses: (N,) squared error that is added without each Gaussian.
+        """
+        chosen: NDArray[np.bool_] = losses >= SLOPE.gaussian_bits * self.bit
+        chosen[losses.argmax()] = True
+        return chosen
+
+
+def bit_worth(qscale: float) -> float:
+    """Squared 8-bit codes that a bit has to save at a qscale: the slope of all steps."""
+    return 2 * math.log(2) * STEPS.unit * qscale**2

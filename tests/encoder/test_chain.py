@@ -16,8 +16,7 @@ from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
-from gsvrcodec.fit.target import Quality, Size
-from gsvrcodec.fit.worth import Slope
+from gsvrcodec.fit.target import Quality, Size, Slope
 from tests.encoder.chains import BUDGET, LENGTHS, PAYLOADS, RESULTS, driven, frames_of, ranges
 from tests.gops import assert_gops_equal, decode_all, encoded, make_file, make_payload
 

@@ -20,8 +20,7 @@ from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import Pack
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.recipe import Deform
-from gsvrcodec.fit.target import Count, Quality, Size, Target
-from gsvrcodec.fit.worth import Slope
+from gsvrcodec.fit.target import Count, Quality, Size, Slope, Target
 from tests import making
 from tests.fit.synthetic import (
     assert_finite,

@@ -11,16 +11,13 @@ from gsvrcodec.encoder.rate import (
     bit_weights,
     bpp_at,
     bpp_for,
-    expected_bpp,
-    expected_psnr,
-    frame_visits,
     qscale_of,
     visited_frames,
 )
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CRF, RATE
+from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
-from gsvrcodec.fit.worth import bit_worth
 from tests.encoder.chains import chains_of
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
@@ -57,21 +54,18 @@ class TestBitWeights:
 
 
 def test_a_high_quality_takes_more_visits() -> None:
-    usual = frame_visits(EncodeSettings(params=9))
+    usual = EncodeSettings(params=9).frame_visits
     assert usual == EFFORT.frame_visits["medium"]
-    assert frame_visits(EncodeSettings(crf=CRF.at + 5)) == usual
-    finer = frame_visits(EncodeSettings(crf=CRF.at - CRF.octave))
+    assert EncodeSettings(crf=CRF.at + 5).frame_visits == usual
+    finer = EncodeSettings(crf=CRF.at - CRF.octave).frame_visits
     assert finer == pytest.approx(2 * usual)
-    assert frame_visits(EncodeSettings(preset="fastest")) < usual
+    assert EncodeSettings(preset="fastest").frame_visits < usual
 
 
 class TestExpected:
     def expected(self, **settings: Any) -> tuple[float, float]:
-        chosen = EncodeSettings(**settings)
-        return (
-            expected_bpp(STATS, SIZE, chosen, seconds=3.0),
-            expected_psnr(STATS, SIZE, chosen, seconds=3.0),
-        )
+        target = EncodeSettings(**settings).target
+        return target.bpp(STATS, SIZE, 3.0), target.psnr(STATS, SIZE, 3.0)
 
     def test_by_size(self) -> None:
         bpp, psnr = self.expected(bpp=0.1)
@@ -99,8 +93,6 @@ class TestExpected:
     def test_nothing_tells_the_size(self) -> None:
         for settings in ({"gaussians": 9}, {"profile": "paper"}, {"profile": "paper", "params": 9}):
             assert self.expected(**settings) == (float("inf"), RATE.usual_psnr)
-        empty = expected_bpp([], SIZE, EncodeSettings(bpp=0.1), seconds=0.0)
-        assert empty == float("inf")
 
     def test_a_size_that_only_copied_streams_fill(self) -> None:
         assert self.expected(target_size=1)[1] < 10
@@ -118,7 +110,7 @@ class TestSlope:
         bpp = bpp_at(STATS, qscale)
         errors = []
         for bits in (0.999 * bpp, 1.001 * bpp):
-            psnr = expected_psnr(STATS, SIZE, EncodeSettings(bpp=bits), seconds=3.0)
+            psnr = EncodeSettings(bpp=bits).target.psnr(STATS, SIZE, 3.0)
             errors.append(255.0**2 / 10 ** (psnr / 10))
         slope = (errors[0] - errors[1]) / (0.002 * bpp)
         assert slope == pytest.approx(bit_worth(qscale), rel=1e-3)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.film import ChainLimits, GopLimits
-from gsvrcodec.encoder.rate import expected_bpp, limits, structure
+from gsvrcodec.encoder.film import ChainLimits, GopLimits, divided, limits
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
 
@@ -19,8 +17,8 @@ SIZE = (320, 180)
 
 def found(**settings: Any) -> tuple[GopLimits, ChainLimits | None]:
     chosen = EncodeSettings(**settings)
-    bpp = expected_bpp(STATS, SIZE, chosen, seconds=3.0)
-    return limits(bpp, len(STATS), chosen, seconds=3.0)
+    bpp = chosen.target.bpp(STATS, SIZE, 3.0)
+    return limits(bpp, len(STATS), chosen.structure, seconds=3.0)
 
 
 @pytest.mark.parametrize(
@@ -80,14 +78,17 @@ def test_low_quality_has_longer_key_gops() -> None:
 
 @pytest.mark.parametrize(
     ("settings", "frames"),
-    [({}, 96), ({"keyint": 0.5}, 12), ({"keyint": 0.01}, 1), ({"keyint": 0}, None)],
+    [
+        ({}, 96),
+        ({"keyint": 0.5}, 12),
+        ({"keyint": 0.01}, 1),
+        ({"keyint": 0}, None),
+        ({"profile": "paper"}, None),
+    ],
 )
 def test_longest_chain(settings: dict[str, Any], frames: int | None) -> None:
-    chosen = EncodeSettings(**settings)
-    chained = limits(0.1, 240, chosen, seconds=10.0)[1]
+    chained = limits(0.1, 240, EncodeSettings(**settings).structure, seconds=10.0)[1]
     assert (chained and chained.longest) == frames
-    assert limits(0.1, 240, replace(chosen, profile="paper"), seconds=10.0)[1] is None
-    assert limits(0.1, 0, chosen, seconds=0.0)[1] is None
 
 
 class TestStructure:
@@ -97,7 +98,8 @@ class TestStructure:
         self, motion: float, changed: float, fast: float = 0.0, **settings: Any
     ) -> list[list[int]]:
         frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5, fast)
-        chains = structure([frame] * 96, SIZE, EncodeSettings(**settings), seconds=4.0)
+        chosen = EncodeSettings(**settings)
+        chains = divided([frame] * 96, SIZE, chosen.structure, chosen.target, seconds=4.0)
         return [[len(gop) for gop in chain] for chain in chains]
 
     def test_what_stays_is_not_paid_for_again(self) -> None:

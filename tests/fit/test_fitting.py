@@ -14,8 +14,8 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_tor
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import fit_as_published
 from gsvrcodec.fit.recipe import FitOptions
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT, STAGED
-from gsvrcodec.fit.worth import Slope
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render import render_frames

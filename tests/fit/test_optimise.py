@@ -16,7 +16,7 @@ from gsvrcodec.fit.paper import PAPER, random_start
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
-from gsvrcodec.fit.worth import Slope
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, sample, times

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from gsvrcodec.fit.parameters import LOOK, Parameters
+from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.tuned import PRICE
-from gsvrcodec.fit.worth import Price
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array
 from tests.fit.anchored import CARRIED, key, predicted

@@ -23,7 +23,6 @@ from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.gop import GopJob, encode_gop
 from gsvrcodec.encoder.lookahead import Lookahead
-from gsvrcodec.encoder.rate import frame_visits
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import PROCESSES
@@ -51,10 +50,11 @@ class Processes:
     ) -> Self:
         """Return as many as have work; waits until the analysis knows of enough, or of the end."""
         pixels = info.width * info.height
-        pace = settings.time_budget or PROCESSES.step_seconds * frame_visits(settings) * pixels
+        pace = settings.time_budget or PROCESSES.step_seconds * settings.frame_visits * pixels
+        execution = settings.execution
         # One process keeps a GPU busy.
-        wanted = settings.workers or int(settings.device != "cpu")
-        most = max(wanted, resolve_threads(settings.threads))
+        wanted = execution.workers or int(execution.device != "cpu")
+        most = max(wanted, resolve_threads(execution.threads))
 
         def missing(chains: Sequence[Chain]) -> list[Chain]:
             return [chain for chain in chains if missing_frames(chain, checkpoint)]
@@ -72,7 +72,7 @@ class Processes:
             frames.append(round(settings.keyint * (info.average_rate or DEFAULT_RATE)))
         workers, threads = processes(
             wanted,
-            settings.threads,
+            execution.threads,
             chains=len(known),
             chain_bytes=3 * pixels * max(frames, default=0),
             gop_bytes=3 * pixels * longest,
@@ -99,7 +99,7 @@ def fit_gops(
 
     Args:
         chains: jobs, each of which may need the result of the one before; `threads` of their
-            settings is replaced.
+            execution is replaced.
         workers: processes to fit in; 1 = this one.
         threads: native threads of all workers together.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import SLOPE
-from gsvrcodec.fit.worth import Slope, bit_worth
 
 
 class TestNumber:
