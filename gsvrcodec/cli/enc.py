@@ -292,30 +292,34 @@ def command(
     gsvrenc --resume --progress json in.mp4 out.gsvr | jq .psnr
     gsvrenc --cluster tcp://scheduler:8786 --shared-source /films/in.mp4 out.gsvr
     """
-    from gsvrcodec.files import check_input, check_output
-    from gsvrcodec.video.read import open_video, reading_options
-    from gsvrcodec.video.spool import is_pipe
+    from gsvrcodec.encoder.request import checked
+    from gsvrcodec.files import check_output
+    from gsvrcodec.video import is_pipe, open_video
 
     if [target, stats, "-" if progress == "json" else None].count("-") > 1:
         raise click.UsageError("only one thing can go to the standard output")
     if shared_source and cluster is None:
         raise click.UsageError("--shared-source is for the workers of a --cluster")
-    if shared_source and is_pipe(source):
-        raise click.UsageError("--shared-source needs an input that workers can read, not a pipe")
     # Options and paths are checked before torch is loaded, which takes seconds.
     for name in ("start_seconds", "stop_seconds", "rate"):
         settings[name] = None if settings[name] is None else float(settings[name])
     chosen = EncodeSettings(**settings)
-    if not is_pipe(source) and "%" not in source:
-        check_input(source)
     if resume or not Path(f"{target}.part").exists():  # else -y alone discards it
         overwrite = may_overwrite(target, overwrite)
-    check_output(target, overwrite=overwrite, source=source)
+    request = checked(
+        source,
+        target,
+        chosen,
+        overwrite=overwrite,
+        resume=resume,
+        executor=cluster is not None,
+        shared_source=shared_source,
+    )
     overwrite_stats = may_overwrite(stats, overwrite)
     if stats is not None:
         check_output(stats, overwrite=overwrite_stats, source=source)
     if not is_pipe(source):
-        open_video(source, **reading_options(settings)).close()
+        open_video(source, **request.reading).close()
 
     from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
     from gsvrcodec.encoder.encode import encode

@@ -21,7 +21,7 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.layers import Layers
 from gsvrcodec.video.output import DEFAULT_CRF, OutputInfo
 from gsvrcodec.video.timing import Span
-from gsvrcodec.video.write import DEEP, WITH_STREAMS, muxer_of, open_writer
+from gsvrcodec.video.write import DEEP, WITH_STREAMS, Writer, muxer_of, open_writer
 
 _log = logging.getLogger(__name__)
 
@@ -103,15 +103,11 @@ def decode(
         InputError, UnsupportedError: As `gsvrcodec.open`.
     """
     muxer = muxer_of(dst, muxer)
-    if bit_depth not in (None, 8, 10):
-        raise UsageError(f"the bit depth must be 8 or 10, not {bit_depth}")
-    if bit_depth is None and muxer not in DEEP:
-        bit_depth = 8
     with open_gsvr(
         src,
         size=size,
         layers=layers,
-        bit_depth=bit_depth,
+        bit_depth=_depth(bit_depth, muxer),
         threads=threads,
         device=device,
         arrays=True,
@@ -129,34 +125,56 @@ def decode(
             fps=fps,
             speed=speed,
         )
-        info = _output_info(decoder, plan, crf, codec_preset, threads)
-        if muxer in WITH_STREAMS:
-            info = replace(info, **_extras(decoder, plan))
-        done = 0
-        with (
-            open_writer(dst, info, muxer=muxer, overwrite=overwrite, source=path_of(src)) as writer,
-            closing(ahead(plan.pictures(decoder), decoder.batch, "gsvr-render")) as pictures,
-        ):
-            for picture in pictures:
-                writer.write(picture.data, picture.pts, picture.duration)
-                done += 1
-                if progress is not None:
-                    progress(done, plan.total)
-            if not done:
-                raise CorruptError("none of these frames could be decoded")
+        info = _output_info(decoder, plan, muxer, crf, codec_preset, threads)
+        with open_writer(
+            dst, info, muxer=muxer, overwrite=overwrite, source=path_of(src)
+        ) as writer:
+            written = _write(decoder, plan, writer, progress)
         return DecodeResult(
-            frames=done,
+            frames=written,
             lost_frames=decoder.lost_frames,
             complete=not (decoder.recovered or decoder.lost_frames),
         )
 
 
+def _depth(asked: int | None, muxer: str) -> int | None:
+    """Return the bits a sample of the output; None = as the source."""
+    if asked not in (None, 8, 10):
+        raise UsageError(f"the bit depth must be 8 or 10, not {asked}")
+    return 8 if asked is None and muxer not in DEEP else asked
+
+
+def _write(
+    decoder: Decoder,
+    plan: Schedule,
+    writer: Writer,
+    progress: Callable[[int, int | None], None] | None,
+) -> int:
+    """Write all pictures, rendered ahead, and return their number."""
+    done = 0
+    with closing(ahead(plan.pictures(decoder), decoder.batch, "gsvr-render")) as pictures:
+        for picture in pictures:
+            writer.write(picture.data, picture.pts, picture.duration)
+            done += 1
+            if progress is not None:
+                progress(done, plan.total)
+    if not done:
+        raise CorruptError("none of these frames could be decoded")
+    return done
+
+
 def _output_info(
-    decoder: Decoder, plan: Schedule, crf: int, codec_preset: str | None, threads: int
+    decoder: Decoder,
+    plan: Schedule,
+    muxer: str,
+    crf: int,
+    codec_preset: str | None,
+    threads: int,
 ) -> OutputInfo:
-    """Return size, timing, colour and coding options of the output."""
+    """Return size, timing, colour and coding options of the output, and what it copies."""
     meta = decoder.known
     width, height = decoder.size
+    extras = _extras(decoder, plan) if muxer in WITH_STREAMS else {}
     return OutputInfo(
         width=width,
         height=height,
@@ -172,6 +190,7 @@ def _output_info(
         crf=crf,
         codec_preset=codec_preset,
         threads=threads,
+        **extras,
     )
 
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -28,17 +28,17 @@ from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Section
 from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.lookahead import Lookahead
-from gsvrcodec.encoder.output import Destination, checked_target, open_output, verify_file
+from gsvrcodec.encoder.output import Destination, open_output, verify_file
 from gsvrcodec.encoder.plan import Budget, plan
 from gsvrcodec.encoder.progress import Meter, Progress
+from gsvrcodec.encoder.request import Request, checked
 from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
 from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
-from gsvrcodec.errors import NotAVideoError, UsageError
-from gsvrcodec.files import fingerprint, is_stream
+from gsvrcodec.errors import NotAVideoError
 from gsvrcodec.planes import PACKS
 from gsvrcodec.render.device import choose_device
 from gsvrcodec.versions import versions
@@ -48,11 +48,8 @@ from gsvrcodec.video import (
     VideoInfo,
     VideoReader,
     VideoSource,
-    is_pipe,
     open_video,
-    path_of,
     read_extras,
-    reading_options,
     rereadable,
 )
 
@@ -128,24 +125,20 @@ def encode(
         chosen = replace(chosen, device=choose_device(chosen.device))
     else:
         elsewhere = OnExecutor(executor, chosen.workers, chosen.threads)
-    name = path_of(src)
-    target = checked_target(dst, overwrite=overwrite, source=name)
-    source = {} if name is None else fingerprint(name)
-    beside = target if source and isinstance(target, Path) and not is_stream(target) else None
-    if resume and beside is None:
-        raise UsageError(
-            "`resume=True` needs an input that can be read again and an output on a disk"
-        )
-    options = reading_options(asdict(chosen))
-    if shared_source and (executor is None or name is None or is_pipe(os.fspath(name))):
-        raise UsageError(
-            "`shared_source` is for the workers of an `executor`, and for a file that they can read"
-        )
-    begun_with = {"versions": versions(), **source, "settings": chosen.recorded()}
+    request = checked(
+        src,
+        dst,
+        chosen,
+        overwrite=overwrite,
+        resume=resume,
+        executor=executor is not None,
+        shared_source=shared_source,
+    )
+    begun_with = {"versions": versions(), **request.source, "settings": chosen.recorded()}
     with (
         rereadable(src, fps=fps, part=chosen.part) as path,
-        open_video(path, **options) as video,
-        Checkpoint(beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
+        open_video(path, **request.reading) as video,
+        Checkpoint(request.beside, begun_with, resume=resume, restart=overwrite) as checkpoint,
         Lookahead(video, chosen, checkpoint, checksums=shared_source) as lookahead,
     ):
         size = video.info.width, video.info.height
@@ -169,7 +162,7 @@ def encode(
         runner: Runner = elsewhere or Processes.for_film(lookahead, checkpoint, video.info, chosen)
         reader: ChainReader = ReadHere(video, pack=runner.sends)
         if shared_source:
-            reader = ReadThere(video, options, lookahead)
+            reader = ReadThere(video, request.reading, lookahead)
         tasks = all_tasks(
             lookahead.sections(), budgets_of, chosen, checkpoint, began, reader, runner.at_once()
         )
@@ -177,7 +170,7 @@ def encode(
             _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
         )
         destination = Destination(
-            target=target,
+            target=request.target,
             overwrite=overwrite,
             begin=begin,
             gops=gops,
@@ -194,22 +187,8 @@ def encode(
                     meter.report()
             writer = output.finish()
         gop_stats = _gop_stats(gops, stats, writer, checkpoint)
-        _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
-    count = gops[-1].stop
-    return EncodeResult(
-        path=target if isinstance(target, Path) else None,
-        frames=count,
-        gops=len(gops),
-        key_gops=sum(gop.key for gop in gop_stats),
-        gaussians=writer.gaussians,
-        bytes=writer.size,
-        bpp=8 * (writer.size - extras.streams_bytes) / (count * size[0] * size[1]),
-        psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / count,
-        float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / count,
-        seconds=time.perf_counter() - began,
-        gop_stats=gop_stats,
-        data=target.getvalue() if dst is None and isinstance(target, io.BytesIO) else None,
-    )
+    _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
+    return _result(request, gop_stats, writer, extras.streams_bytes, began)
 
 
 def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
@@ -275,6 +254,31 @@ def _warn_of_bits_left(taken: int, planned: Sequence[Budget]) -> None:
             "effort; a slower preset or more time would use them",
             100 * taken / wanted,
         )
+
+
+def _result(
+    request: Request,
+    gop_stats: tuple[GopStats, ...],
+    writer: GsvrWriter,
+    streams_bytes: int,
+    began: float,
+) -> EncodeResult:
+    target, frames = request.target, sum(gop.frames for gop in gop_stats)
+    pixels = frames * writer.header.width * writer.header.height
+    return EncodeResult(
+        path=target if isinstance(target, Path) else None,
+        frames=frames,
+        gops=len(gop_stats),
+        key_gops=sum(gop.key for gop in gop_stats),
+        gaussians=writer.gaussians,
+        bytes=writer.size,
+        bpp=8 * (writer.size - streams_bytes) / pixels,
+        psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / frames,
+        float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / frames,
+        seconds=time.perf_counter() - began,
+        gop_stats=gop_stats,
+        data=target.getvalue() if request.in_memory and isinstance(target, io.BytesIO) else None,
+    )
 
 
 def _gop_stats(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,13 +17,11 @@ import numpy as np
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.errors import CorruptError, UsageError, VerificationError
-from gsvrcodec.files import check_output, gathered_output, is_stream, named
+from gsvrcodec.encoder.request import Target
+from gsvrcodec.errors import CorruptError, VerificationError
+from gsvrcodec.files import gathered_output, is_stream, named
 from gsvrcodec.metrics import psnr
 from gsvrcodec.video import VideoReader
-
-#: A path of a file, a pipe or a device, "-" = the standard output; or a binary file object.
-Target = Path | BinaryIO
 
 
 class Begin(Protocol):
@@ -54,31 +51,6 @@ class Output(Protocol):
 
     def finish(self) -> GsvrWriter:
         """Write all that is left; return the writer, closed."""
-
-
-def checked_target(
-    where: str | os.PathLike[str] | BinaryIO | None,
-    *,
-    overwrite: bool,
-    source: str | os.PathLike[str] | None,
-) -> Target:
-    """Return where to write if it may be written; None = a new file in memory.
-
-    Raises:
-        OutputError: As `gsvrcodec.files.check_output`.
-        UsageError: It is neither a path nor an open, writable binary file object.
-    """
-    if where is None:
-        return io.BytesIO()
-    if isinstance(where, str | os.PathLike):
-        return check_output(where, overwrite=overwrite, source=source)
-    if isinstance(where, io.TextIOBase) or not hasattr(where, "write"):
-        raise UsageError(
-            f"`dst` must be a path, a binary file object or None, not {type(where).__name__}"
-        )
-    if getattr(where, "closed", False) or not getattr(where, "writable", lambda: True)():
-        raise UsageError("the file object `dst` is closed or not open for writing")
-    return where
 
 
 @contextmanager

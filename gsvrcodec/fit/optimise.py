@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from statistics import fmean
 
 import cv2
@@ -88,57 +88,112 @@ def optimise(
         quantise: fake quantisation of the decoder's parameters.
         quantise_from: fraction of the effort after which `quantise` is applied.
     """
-    size, frames = footage.size, footage.frames
-    small = coarse_frames(frames, recipe)
-    shown = small
-    targets, behind = targets_of(parameters, shown, size)
-    reorder(parameters, size)
-    adam = Adam(parameters.raw, recipe, size, parameters.backend)
-    order = visits(len(frames), rng)
-    relocations = iter(recipe.relocations)
-    relocation = next(relocations, 1.0)
-    settled = 0  # so many steps have to be taken before another one
-    prunings = iter(recipe.prunings)
-    pruning = next(prunings, 1.0)
-
-    def rearranged(order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
-        adam.rearrange(order, moved)
-        if price is not None:
-            price.forget()
-
+    descent = _Descent(parameters, footage, recipe, effort, rng, price, slope)
+    relocations, prunings = _Events(recipe.relocations), _Events(recipe.prunings)
     while (spent := effort.spent) < 1.0:
-        if spent >= relocation:
-            relocation = next(relocations, 1.0)
-            if effort.steps >= settled:
-                settled = effort.steps + recipe.settling
-                more = 0
-                if slope is not None and spent >= recipe.counted:
-                    more = _missing(parameters, footage, slope, effort.expected_steps)
-                rearranged(
-                    *relocate(parameters, small, footage.taus, size, rng, recipe.moving, more)
-                )
-        if slope is not None and spent >= pruning:
-            pruning = next(prunings, 1.0)
-            rearranged(_prune(parameters, footage, slope, rng))
-        index = next(order)
-        if shown is not frames and spent >= recipe.coarse:
-            shown = frames
-            targets, behind = targets_of(parameters, frames, size)
-            rearranged(reorder(parameters, size))
+        if relocations.due(spent):
+            descent.relocate(spent)
+        if slope is not None and prunings.due(spent):
+            descent.prune(slope)
+        if spent >= recipe.coarse:
+            descent.refine()
+        descent.step(spent, quantise if spent >= quantise_from else None)
+
+
+class _Events:
+    """Fractions of the effort at which something happens, one after another."""
+
+    def __init__(self, fractions: Sequence[float]) -> None:
+        self._later = iter(fractions)
+        self._next = next(self._later, 1.0)
+
+    def due(self, spent: float) -> bool:
+        """Return whether the next one is reached, and go on to the one after it."""
+        reached = spent >= self._next
+        if reached:
+            self._next = next(self._later, 1.0)
+        return reached
+
+
+class _Descent:
+    """Parameters on their way down: what is shown to them, and the state of Adam."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        footage: Footage,
+        recipe: Recipe,
+        effort: Effort,
+        rng: np.random.Generator,
+        price: Price | None,
+        slope: Slope | None,
+    ) -> None:
+        self._parameters, self._footage, self._recipe = parameters, footage, recipe
+        self._effort, self._rng = effort, rng
+        self._price, self._slope = price, slope
+        self._small = self._shown = coarse_frames(footage.frames, recipe)
+        self._targets, self._behind = targets_of(parameters, self._shown, footage.size)
+        reorder(parameters, footage.size)
+        self._adam = Adam(parameters.raw, recipe, footage.size, parameters.backend)
+        self._order = visits(len(footage.frames), rng)
+        self._settled = 0  # so many steps have to be taken before another relocation
+
+    def relocate(self, spent: float) -> None:
+        """Move the weakest Gaussians, and add or drop as many as the slope calls for."""
+        effort, recipe, footage = self._effort, self._recipe, self._footage
+        if effort.steps < self._settled:
+            return
+        self._settled = effort.steps + recipe.settling
+        more = 0
+        if self._slope is not None and spent >= recipe.counted:
+            more = _missing(self._parameters, footage, self._slope, effort.expected_steps)
+        order, moved = relocate(
+            self._parameters,
+            self._small,
+            footage.taus,
+            footage.size,
+            self._rng,
+            recipe.moving,
+            more,
+        )
+        self._rearranged(order, moved)
+
+    def prune(self, slope: Slope) -> None:
+        """Drop the Gaussians that are not worth their bits."""
+        self._rearranged(_prune(self._parameters, self._footage, slope, self._rng))
+
+    def refine(self) -> None:
+        """End the coarse stage, if it has not ended: show frames of the whole size."""
+        if self._shown is self._footage.frames:
+            return
+        self._shown = self._footage.frames
+        self._targets, self._behind = targets_of(self._parameters, self._shown, self._footage.size)
+        self._rearranged(reorder(self._parameters, self._footage.size))
+
+    def step(self, spent: float, quantise: Callable[[Tensors], Tensors] | None) -> None:
+        """Take a step on the next frame."""
+        parameters, recipe, effort = self._parameters, self._recipe, self._effort
+        index, size = next(self._order), self._footage.size
         tensors = parameters.tensors()
-        if quantise is not None and spent >= quantise_from:
+        if quantise is not None:
             tensors = quantise(tensors)
-        tau = float(footage.taus[index])
-        gradients = parameters.gradients(tensors, tau, targets[index], size, behind)
-        if price is not None and spent >= recipe.coarse:
-            price.add(parameters, gradients)
+        tau = float(self._footage.taus[index])
+        gradients = parameters.gradients(tensors, tau, self._targets[index], size, self._behind)
+        if self._price is not None and spent >= recipe.coarse:
+            self._price.add(parameters, gradients)
         patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
         with parameters.about_middle(gradients):
             factor = recipe.decay(spent) * patience * warm_up
-            adam.step(gradients, factor, tensors, paces(parameters, recipe, size))
+            self._adam.step(gradients, factor, tensors, paces(parameters, recipe, size))
         parameters.limit()
         effort.advance()
+
+    def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
+        """Follow the parameters, which were put into another order."""
+        self._adam.rearrange(order, moved)
+        if self._price is not None:
+            self._price.forget()
 
 
 def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: float) -> int:
