@@ -76,6 +76,22 @@ class Fit:
         return stored if self.anchor is None else self.anchor.gop(stored)
 
 
+@contextmanager
+def single_torch_thread() -> Iterator[None]:
+    """Keep torch to one thread: a block, or a function that it decorates.
+
+    More would spin beside the core's. And when several threads are the first to call a function of
+    MKL, one of them may round otherwise than ever after.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@single_torch_thread()
 def fit_gop(
     footage: Footage,
     gaussians: int,
@@ -108,8 +124,7 @@ def fit_gop(
     parameters = Parameters(start, options.deform, backend, footage.background)
     effort, tuning = allowance.split(tune=options.tune, least_steps=EFFORT.least_steps, began=began)
     price = price_of(parameters, footage, slope.qscale if slope else PRICE.qscale, rng)
-    with single_torch_thread():
-        optimise(parameters, footage, MAIN, effort, rng, price=price, slope=slope)
+    optimise(parameters, footage, MAIN, effort, rng, price=price, slope=slope)
     gop = parameters.gop()
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)
 
@@ -134,14 +149,3 @@ def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:
         pictures = backend.render(prepared, footage.taus[part], footage.size, footage.size)
         values += map(psnr, pictures, footage.frames[part])
     return fmean(values)
-
-
-@contextmanager
-def single_torch_thread() -> Iterator[None]:
-    """Keep torch's own threads from spinning beside the core's."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -38,6 +38,7 @@ PAPER = Recipe(
 )
 
 
+@single_torch_thread()
 def fit_as_published(
     footage: Footage,
     gaussians: int,
@@ -55,16 +56,15 @@ def fit_as_published(
         random_start(footage.frames, gaussians, grid, rng), options.deform, backend
     )
     effort, _ = allowance.split(tune=False, least_steps=EFFORT.least_steps, began=began)
-    with single_torch_thread():
-        optimise(
-            parameters,
-            footage,
-            PAPER,
-            effort,
-            rng,
-            quantise=fake_quantiser(PAPER_BITS) if options.tune else None,
-            quantise_from=EFFORT.qat_from,
-        )
+    optimise(
+        parameters,
+        footage,
+        PAPER,
+        effort,
+        rng,
+        quantise=fake_quantiser(PAPER_BITS) if options.tune else None,
+        quantise_from=EFFORT.qat_from,
+    )
     gop = parameters.gop()
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, None, footage)
 

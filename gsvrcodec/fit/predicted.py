@@ -37,6 +37,7 @@ class LastFrame:
     psnr: float  #: dB, mean of the frames of the reference
 
 
+@single_torch_thread()
 def fit_predicted(
     footage: Footage,
     reference: LastFrame,
@@ -100,8 +101,7 @@ def fit_predicted(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
     price = price_of(parameters, footage, reference.qscale, rng)
-    with single_torch_thread():
-        optimise(parameters, footage, PREDICTED, effort, rng, price=price)
+    optimise(parameters, footage, PREDICTED, effort, rng, price=price)
     psnr = mean_psnr(parameters.gop(), footage, backend)
     return Fit(
         parameters.stored(), psnr, effort.expected_steps, tuning, footage, parameters.anchor, kept

@@ -40,6 +40,7 @@ _STAGES = (
 )
 
 
+@single_torch_thread()
 def quantise_in_stages(
     gop: Gop,
     precision: Precision,
@@ -156,19 +157,18 @@ class QuantisedFit:
         """Round and tune; `trials` calls share a wall time."""
         gop, precision = self._stored(qscale)
         if (tuning := self.fit.tuning) is not None:
-            with single_torch_thread():
-                gop = quantise_in_stages(
-                    gop,
-                    precision,
-                    self.fit.footage,
-                    MAIN,
-                    round(tuning.steps),
-                    None if tuning.seconds is None else tuning.seconds / trials,
-                    np.random.default_rng((*self.seed, 1)),
-                    self.backend,
-                    deform=self.options.deform,
-                    anchor=self.fit.anchor,
-                )
+            gop = quantise_in_stages(
+                gop,
+                precision,
+                self.fit.footage,
+                MAIN,
+                round(tuning.steps),
+                None if tuning.seconds is None else tuning.seconds / trials,
+                np.random.default_rng((*self.seed, 1)),
+                self.backend,
+                deform=self.options.deform,
+                anchor=self.fit.anchor,
+            )
         return Quantised(gop, precision, self._psnr(gop, precision), qscale)
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
@@ -191,6 +191,7 @@ class QuantisedFit:
         return mean_psnr(decoded, self.fit.footage, self.backend)
 
 
+@single_torch_thread()
 def quantisable(
     fit: Fit,
     options: FitOptions,

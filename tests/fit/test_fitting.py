@@ -149,13 +149,20 @@ class TestMeanPsnr:
         )
 
 
-def test_torch_has_one_thread_for_a_while() -> None:
-    def fail() -> None:
-        with single_torch_thread():
-            seen.append(torch.get_num_threads())
-            raise KeyError
-
+def test_torch_has_one_thread_from_the_first_function_on(
+    shots: Footage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Several may round differently when they are the first to call it."""
     before, seen = torch.get_num_threads(), list[int]()
-    with pytest.raises(KeyError):
-        fail()
+    logit = torch.logit
+
+    def counted(value: torch.Tensor) -> torch.Tensor:
+        seen.append(torch.get_num_threads())
+        return logit(value)
+
+    monkeypatch.setattr(torch, "logit", counted)
+    fitted(shots)
     assert (seen, torch.get_num_threads()) == ([1], before)
+    with pytest.raises(KeyError), single_torch_thread():
+        raise KeyError
+    assert torch.get_num_threads() == before
