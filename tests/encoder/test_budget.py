@@ -113,17 +113,6 @@ def test_no_grid_for_a_polynomial(profile: Profile) -> None:
     assert grid_parameters((0, 0, 0), settings.blending) == 0
 
 
-def test_numbers_of_a_tri_plane() -> None:
-    # Each of 16 * 12 + 16 * 8 + 12 * 8 cells has 6 channels where pictures are means.
-    assert grid_parameters((16, 12, 8), "mean") == 6 * 416
-    assert grid_parameters((16, 12, 8), "sum") == 8 * 416
-
-
-def test_at_most_a_gaussian_for_two_pixels() -> None:
-    assert most_gaussians((1280, 640)) == 409_600
-    assert most_gaussians((1, 1)) == 1
-
-
 def test_a_tri_plane_takes_a_part_of_a_key_gop() -> None:
     alone, shared, tiny = (
         key_gaussians(size, grid)

@@ -120,16 +120,6 @@ class TestModes:
         assert found.indicator.shape == (0,)
 
 
-class TestNew:
-    def test_new_gaussians_and_the_tri_plane(self) -> None:
-        fit = predicted([3, -1, 5, -1], [], make_gop(8))
-        gop = make_gop(4, (3, 2, 2))
-        new = new_of(fit, gop)
-        np.testing.assert_array_equal(new.position, gop.position[[1, 3]])
-        np.testing.assert_array_equal(new.indicator, gop.indicator[[1, 3]])
-        assert new.xy is gop.xy
-
-
 def test_a_decoder_gets_the_gaussians_of_the_fit() -> None:
     """Kept ones, then those of the fit as the rounded values say, each of them once."""
     reference = make_gop(40, (3, 2, 4))

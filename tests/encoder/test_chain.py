@@ -36,16 +36,6 @@ def jobs_of(
 
 
 class TestJobs:
-    def test_each_has_its_frames_and_times(self) -> None:
-        jobs = jobs_of()
-        for job, gop in zip(jobs, ranges(LENGTHS), strict=True):
-            assert job.first_frame == gop.start
-            assert job.frames[:, 0, 0, 0].tolist() == list(gop)
-            assert job.pts.tolist() == [40 * number for number in gop]
-            assert job.durations.tolist() == [40] * len(gop)
-            assert job.budget == BUDGET
-            assert job.seconds is None
-
     def test_the_reference_is_what_a_decoder_has(self) -> None:
         wholes = decode_all(make_file(PAYLOADS))
         key, *predicted = jobs_of()
@@ -66,10 +56,6 @@ class TestJobs:
             assert same.reference is not None
             assert_gops_equal(job.reference.gop, same.reference.gop)
             assert (job.budget, job.effort) == (same.budget, same.effort)
-
-    def test_without_prediction_there_is_no_reference(self) -> None:
-        for settings in ({"keyint": 0}, {"profile": "paper"}):
-            assert [job.reference for job in jobs_of(**settings)] == [None] * 4
 
     def test_a_key_gop_may_stand_within(self) -> None:
         """A GOP that was not predicted after all is the reference of the next one as it is."""
@@ -95,18 +81,6 @@ class TestBytes:
     def targets(self, *targets: int, finished: int = 0) -> list[int]:
         jobs = jobs_of([Budget(30, Size(target)) for target in targets], finished=finished)
         return [job.budget.bytes for job in jobs]
-
-    def test_what_is_left_goes_on(self) -> None:
-        first, second = self.SIZES[:2]
-        found = self.targets(first + 700, second, second, 2 * second)
-        assert found[:2] == [first + 700, second + 700 // 4]
-        left = 700 + 3 * second  # the second one has taken what was planned
-        assert found[2:] == [left // 3, left - self.SIZES[2]]
-
-    def test_what_is_over_is_saved(self) -> None:
-        first, second = self.SIZES[:2]
-        found = self.targets(first - 300, second, second)
-        assert found == [first - 300, second - 150, second - 300]
 
     def test_there_is_always_something(self) -> None:
         assert self.targets(10, 10, 10) == [10, 1, 1]
@@ -197,9 +171,6 @@ class TestEfforts:
         assert len(set(efforts[1:])) <= 1
         if len(lengths) > 1:
             assert efforts[0] > 1.2 * efforts[1]
-
-    def test_jobs_have_them(self) -> None:
-        assert [job.effort for job in jobs_of()] == shared_efforts(LENGTHS)
 
 
 def test_the_codec_of_planes_changes_no_picture() -> None:

@@ -56,17 +56,6 @@ def target(tmp_path: Path) -> Path:
 
 
 class TestResume:
-    def test_what_was_kept_comes_back(self, target: Path) -> None:
-        interrupted(target)
-        with opened(target) as parts:
-            assert len(parts) == 2
-            assert FIRST in parts
-            assert range(3, 8) not in parts
-            assert parts.analysis == ANALYSIS
-            assert parts.figures(FIRST) == FIGURES
-            assert parts.payload(FIRST) == b"first"
-            assert parts.payload(SECOND) == b""
-
     def test_a_job_s_result_comes_back(self, target: Path) -> None:
         first = replace(FIGURES, qscale=0.1 + 0.2, payload=b"first")
         second = replace(OTHERS, payload=b"second")
@@ -88,12 +77,6 @@ class TestResume:
         parts.keep_analysis(ANALYSIS)
         assert failed(parts) == []
         assert not list(target.parent.iterdir())
-
-    def test_failure_says_how_to_go_on(self, target: Path) -> None:
-        parts = opened(target)
-        parts.add(done(FIRST, OTHERS, b"x"))
-        (note,) = failed(parts)
-        assert note.startswith(f"1 finished GOP is kept in {target}.part, `resume=True`")
 
     def test_a_link_keeps_its_parts_beside_what_it_points_to(self, target: Path) -> None:
         (target.parent / "real").mkdir()

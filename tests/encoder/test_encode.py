@@ -146,10 +146,6 @@ class TestSettings:
         result = quick(making.NOISE, tmp_path / "a.gsvr", profile="paper", gop=10)
         assert result.psnr > 18
 
-    def test_unknown_setting_fails(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match=r"`quality` is not an argument of `encode`$"):
-            quick(making.NOISE, tmp_path / "a.gsvr", quality=3)
-
 
 class TestProgress:
     def test_is_called_before_the_first_gop_and_after_each(self, tmp_path: Path) -> None:

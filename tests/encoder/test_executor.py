@@ -26,7 +26,7 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import packed
 from gsvrcodec.errors import InputError, UsageError, WorkerError
 from tests import making
-from tests.encoder.chains import BUDGET, LENGTHS, RESULTS, frames_of
+from tests.encoder.chains import BUDGET, RESULTS, frames_of
 
 #: Two chains of two GOPs.
 SETTINGS: dict[str, Any] = {
@@ -246,13 +246,3 @@ def test_packed_pictures_are_the_same(size: tuple[int, int], count: int) -> None
     found = there.unpacked()
     assert found.dtype == np.uint8
     np.testing.assert_array_equal(found, pictures)
-
-
-def test_a_task_has_the_jobs_of_its_chain() -> None:
-    plain, frames = frames_of(), frames_of()
-    frames.pictures[:] = [packed(frames.take(number)) for number in range(len(LENGTHS))]
-    task = ChainTask(frames, [BUDGET] * 4, EncodeSettings(), RESULTS[:2], None)
-    assert task.first_frame == sum(LENGTHS[:2])
-    job = next(pickle.loads(pickle.dumps(task)).jobs())
-    assert job.first_frame == task.first_frame
-    np.testing.assert_array_equal(job.frames, plain.take(2))

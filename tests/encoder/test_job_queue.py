@@ -22,7 +22,7 @@ from gsvrcodec.errors import InputError
 from gsvrcodec.video import open_video
 from tests import making
 from tests.encoder.chains import driven
-from tests.gops import assert_gops_equal, encoded, make_chain
+from tests.gops import encoded, make_chain
 
 CHAINS = [[range(4)], [range(4, 7), range(7, 10)], [range(10, 12)]]
 GOPS = [gop for chain in CHAINS for gop in chain]
@@ -109,18 +109,6 @@ class TestAllTasks:
         np.testing.assert_array_equal(job.frames, jobs(film)[3].frames)
         assert jobs(film, *GOPS) == []
 
-    def test_a_chain_goes_on_behind_its_finished_gops(self, film: Path) -> None:
-        (job,) = jobs(film, GOPS[0], GOPS[1], GOPS[3])
-        same = jobs(film)[2]
-        assert job.first_frame == 7
-        np.testing.assert_array_equal(job.frames, same.frames)
-        assert job.pts.tolist() == same.pts.tolist()
-        assert job.reference is not None
-        assert same.reference is not None
-        assert_gops_equal(job.reference.gop, same.reference.gop)
-        assert job.reference.qscale == 1.5
-        assert (job.budget, job.effort) == (same.budget, same.effort)
-
     def test_what_is_finished_behind_a_missing_gop_is_done_again(self, film: Path) -> None:
         found = jobs(film, GOPS[2])
         assert [job.first_frame for job in found] == [0, 4, 7, 10]
@@ -151,15 +139,6 @@ class TestAllTasks:
             assert next(next(queue).jobs()).first_frame == 4
             with pytest.raises(InputError, match="became shorter while it was read"):
                 next(queue)
-
-
-def test_what_is_missing() -> None:
-    with holding(GOPS[0], GOPS[1]) as checkpoint:
-        assert [finished_gops(chain, checkpoint) for chain in CHAINS] == [1, 1, 0]
-        assert [missing_frames(chain, checkpoint) for chain in CHAINS] == [0, 3, 2]
-    with holding(GOPS[2]) as checkpoint:
-        assert finished_gops(CHAINS[1], checkpoint) == 0
-        assert missing_frames(CHAINS[1], checkpoint) == 6
 
 
 @pytest.mark.parametrize(

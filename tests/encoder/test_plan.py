@@ -94,10 +94,6 @@ class TestChains:
         assert [slope and slope.lasting for slope in slopes[1:]] == [1.0, 1.0]
         assert self.plan([16], crf=20)[0].gaussians > 1.5 * self.plan([16], crf=26)[0].gaussians
 
-    def test_a_quality_is_that_of_every_gop(self) -> None:
-        budgets = self.plan([16, 16], target_psnr=35)
-        assert {budget.target for budget in budgets} == {Quality(35)}
-
     def test_predicted_gops_have_a_coarse_grid(self) -> None:
         grids = [budget.grid for budget in self.plan([20, 20], bpp=0.4)]
         assert grids == [(32, 18, 20), (16, 9, 20)]

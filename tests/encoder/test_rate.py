@@ -76,10 +76,6 @@ class TestExpected:
             pytest.approx((bpp, psnr))
         )
 
-    def test_by_stored_numbers(self) -> None:
-        params = round(0.1 * 320 * 180 * 60 / RATE.number_bits)
-        assert self.expected(params=params) == pytest.approx(self.expected(bpp=0.1), rel=1e-4)
-
     def test_by_quality(self) -> None:
         bpp, psnr = self.expected(target_psnr=35.0)
         assert psnr == 35
