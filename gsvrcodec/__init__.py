@@ -74,7 +74,14 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     """Import a public name at first use."""
     if name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
+        try:
+            value = getattr(importlib.import_module(_HOMES[name]), name)
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError(
+                f"`gsvrcodec.{name}` needs {error.name}, which gsvrcodec-decoder comes without: "
+                "pip install gsvrcodec instead",
+                name=error.name,
+            ) from error
     elif name == "errors":
         value = importlib.import_module("gsvrcodec.errors")
     else:

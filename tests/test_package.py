@@ -57,9 +57,45 @@ assert callable(gsvrcodec.decode) and callable(gsvrcodec.encode)
     assert "gsvrcodec" in loaded_by(code)
 
 
-def test_version_is_that_of_the_distribution() -> None:
-    project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text())
-    assert gsvrcodec.__version__ == project["project"]["version"]
+ROOT = Path(__file__).parent.parent
+WHOLE, DECODER = (
+    tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]
+    for folder in ("", "packaging/decoder")
+)
+
+
+def test_both_distributions_are_of_this_version() -> None:
+    assert gsvrcodec.__version__ == WHOLE["version"] == DECODER["version"]
+    assert set(DECODER["dependencies"]) < set(WHOLE["dependencies"])
+    assert DECODER["scripts"].items() < WHOLE["scripts"].items()
+
+
+def test_decoding_without_the_encoder(tmp_path: Path) -> None:
+    """What the decoder's distribution leaves out cannot be imported here."""
+    path = making.gsvr_file(tmp_path / "a.gsvr")
+    code = f"""
+import sys
+class Nowhere:
+    def find_spec(self, name, *_):
+        if name in ("torch", "cv2", "gsvrcodec.encoder", "gsvrcodec.fit", "gsvrcodec.dataset"):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Nowhere())
+import gsvrcodec
+from gsvrcodec.cli import dec, info, play
+with gsvrcodec.open({str(path)!r}) as decoder:
+    assert decoder[3].data.any()
+assert dec.main([{str(path)!r}, {str(tmp_path / "out.mp4")!r}]) == 0
+assert info.main(["--verify", {str(path)!r}]) == 0
+assert play.main([{str(path)!r}, "--export", {str(tmp_path / "out.html")!r}]) == 0
+for name in ("encode", "ClipDataset"):
+    try:
+        getattr(gsvrcodec, name)
+    except ModuleNotFoundError as error:
+        assert "which gsvrcodec-decoder comes without" in str(error)
+    else:
+        raise AssertionError(name)
+"""
+    assert loaded_by(code).isdisjoint({"torch", "cv2"})
 
 
 def test_import_is_light() -> None:
