@@ -9,7 +9,7 @@ const slotsOf = {};
  * The attributes by number; the components of one take the slots from `slot` on. Slots are the same
  * however pictures are formed; those without a plane hold 0.
  */
-export const ATTRIBUTES = [
+export const ATTRIBUTES = /** @type {[string, number, string, number, number][]} */ ([
   ["position", 2, "new", -1024, 1024],
   ["log_scale", 2, "new", -32, 13],
   ["rotation", 1, "new", -64, 64],
@@ -30,7 +30,7 @@ export const ATTRIBUTES = [
   ["carried_indicator", 1, "moved", -2, 2],
   ["carried_linear", 2, "moved", -1024, 1024],
   ["carried_quadratic", 2, "moved", -1024, 1024],
-].map(([name, components, grid, low, high]) => {
+]).map(([name, components, grid, low, high]) => {
   const slot = slotsOf[grid] ?? 0;
   slotsOf[grid] = slot + components;
   return { name, components, grid, low, high, slot };
@@ -65,9 +65,10 @@ export function storedComponents({ name, components }, blending) {
 }
 
 /** Return the grids of a GOP by name: the size of their planes, and how many samples count. */
-export function gridsOf({ gaussians, grid: [gx, gy, gt], carried, dropped, changed, moved }) {
+export function gridsOf({ gaussians, grid, carried, dropped, changed, moved }) {
+  const [gx, gy, gt] = grid;
   const plane = (width, height, count = width * height) =>
-    ({ width, height, count, planes: [], guided: false, columns: null });
+    ({ width, height, count, slots: 0, values: null, planes: [], guided: false, columns: null });
   const list = (count) => {
     const width = Math.ceil(Math.sqrt(count));
     return plane(width, Math.ceil(count / (width || 1)), count);

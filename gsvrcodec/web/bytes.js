@@ -1,6 +1,6 @@
 /** Numbers and checksums (section 1). */
 
-import { check } from "./errors.js";
+import { check, CorruptError } from "./errors.js";
 
 /** Four tables of the CRC: table n holds what a byte does to the CRC n bytes later. */
 const CRC_TABLES = new Int32Array(1024).fill(0).map((_, byte) => {
@@ -78,7 +78,7 @@ export class Cursor {
         return value;
       }
     }
-    return check(false, "a varint has over 9 bytes.");
+    throw new CorruptError("a varint has over 9 bytes.");
   }
 
   /** A varint of at most 32 bits, as in the heads of planes. */

@@ -3,12 +3,13 @@
 /** A failure that is told to the user: of the film, the network, or the browser. */
 export class GsvrError extends Error {
   name = "GsvrError";
+  /** Whether `Film.open` with `keepGoing` may still find GOPs; of broken rules alone. */
+  recoverable = false;
 }
 
-/** The film breaks a rule; if `recoverable`, `Film.open` with `keepGoing` may still find GOPs. */
+/** The film breaks a rule. */
 export class CorruptError extends GsvrError {
   name = "CorruptError";
-  recoverable = false;
 }
 
 /** The film needs a feature or a size that this decoder does not have. */

@@ -240,7 +240,7 @@ export class Player {
     const { tick, end } = this.timeline;
     const text = `${clockText(this.time * tick)} / ${clockText(end * tick)}`;
     page.time.textContent = text;
-    page.seek.value = this.time;
+    page.seek.value = String(this.time);
     page.seek.setAttribute("aria-valuetext", text);
   }
 

@@ -89,7 +89,7 @@ function connect(player) {
     if (event.ctrlKey || event.altKey || event.metaKey || page.keys.open) return;
     // A focused control keeps the keys that work it.
     const isChoice = target instanceof HTMLSelectElement;
-    const isPress = target instanceof HTMLButtonElement || target.type === "checkbox";
+    const isPress = target instanceof HTMLButtonElement || target === page.outlines;
     if (isChoice || (isPress && key === " ") || !Object.hasOwn(keys, key)) return;
     event.preventDefault();
     keys[key]();

@@ -22,14 +22,14 @@ const REFINED = [
 
 /** Read the refinement, all that is left of a payload, and refine the values of the grid `new`. */
 export function refine(cursor, grid) {
-  const table = REFINED.map((entry) => ({ ...entry, least: cursor.i8(), most: cursor.u8() }))
+  const entries = REFINED.map((entry) => ({ ...entry, least: cursor.i8(), most: cursor.u8() }))
     .filter(({ least, most }) => {
       const right = most <= MOST_BITS && (most > 0 ? grid.count > 0 : least === 0);
       check(right, "its refinement has a wrong table.");
       return most > 0;
     });
   const traits = traitsOf(grid), { bytes, end } = cursor;
-  for (const entry of table) Object.assign(entry, countBits(entry, traits));
+  const table = entries.map((entry) => ({ ...entry, ...countBits(entry, traits) }));
   const total = table.reduce((sum, entry) => sum + entry.components * entry.total, 0);
   check(cursor.left === Math.ceil(total / 8), "its refinement has another number of bytes.");
   check((bytes[end - 1] & (1 << (-total & 7)) - 1) === 0, "its refinement ends with ones.");

@@ -21,6 +21,8 @@ export class RemoteFilm {
     this.worker = startWorker();
     this.waiting = new Map();
     this.requests = 0;
+    this.header = this.gops = this.origin = null; // as of `Film`; null until it is open
+    this.warnings = [];
     this.gopsAtHand = new Map(); // by number, the one used longest ago first
     this.worker.onmessage = ({ data: { id, result, error } }) => {
       const { resolve, reject } = this.waiting.get(id);

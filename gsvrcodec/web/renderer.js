@@ -179,7 +179,9 @@ export class Renderer {
         + "or switch hardware acceleration on in its settings.");
     }
     this.gl = gl;
-    Object.assign(this, targetFormat(gl, bits));
+    const target = targetFormat(gl, bits);
+    this.format = target.format;
+    this.bits = target.bits;
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.magnify = new Program(gl, COVER_VERTEX, UP_FRAGMENT);
     this.toScreen = new Program(gl, COVER_VERTEX, SCREEN_FRAGMENT);

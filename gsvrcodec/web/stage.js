@@ -17,7 +17,7 @@ export class Stage {
     this.canvas = canvas;
     this.changed = changed;
     this.renderer = new Renderer(canvas);
-    this.film = null;
+    this.film = this.timeline = this.camera = null;
     this.reset();
   }
 

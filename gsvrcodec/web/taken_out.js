@@ -20,7 +20,9 @@ export class TakenOut {
 
   /** `header` is that of the film. */
   constructor({ width, height }) {
-    Object.assign(this, { width, height, side: Math.max(width, height) });
+    this.width = width;
+    this.height = height;
+    this.side = Math.max(width, height);
   }
 
   /** Bring all things back. */
@@ -56,7 +58,7 @@ export class TakenOut {
    */
   mask(k, gop) {
     if (this.#numbers.size === 0) return null;
-    const isOut = Uint8Array.from(gop.numbers, (number) => this.#numbers.has(number));
+    const isOut = Uint8Array.from(gop.numbers, (number) => Number(this.#numbers.has(number)));
     const fresh = this.#moving(gop).filter((n) => n >= isOut.length - gop.fresh && !isOut[n]);
     const add = (tau, seeds) => {
       for (const { n } of this.#grow(gop, seeds, this.#bodies(gop, tau, fresh))) {

@@ -10,7 +10,10 @@ const MARGIN = 16;
  */
 export class View {
   constructor({ coded, frame, left = 0, top = 0, rotation = 0, mirrored = false, screen }) {
-    Object.assign(this, { frame, left, top, screen });
+    this.frame = frame;
+    this.left = left;
+    this.top = top;
+    this.screen = screen;
     const [width, height] = frame;
     this.zoom = [width / coded[0], height / coded[1]];
     // The pixel (x, y) of the frame is drawn at x columns[0] + y columns[1] + shift.

@@ -31,7 +31,7 @@ async function open(from, options) {
 
 /** Copy the arrays in a result, for those that are sent are lost to the sender. */
 function copied(value) {
-  if (ArrayBuffer.isView(value)) return value.slice();
+  if (ArrayBuffer.isView(value)) return /** @type {Uint8Array} */ (value).slice();
   if (Array.isArray(value)) return value.map(copied);
   if (typeof value !== "object" || value === null) return value;
   return Object.fromEntries(Object.entries(value).map(([key, part]) => [key, copied(part)]));
