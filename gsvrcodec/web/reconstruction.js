@@ -2,6 +2,16 @@
 
 /** Smallest scale of a Gaussian, pixels of the coded frame. */
 export const MIN_SCALE = 0.1;
+/** Added to variances on level 0, square pixels of the coded frame. */
+export const DILATION = 0.1;
+/** Of a frame that is smaller than the coded one, square pixels of it. */
+export const ANTIALIAS = 0.25;
+/** Levels of the pyramid. */
+export const LEVELS = 5;
+/** Variance that upsampling adds, square pixels of a level. */
+export const UPSAMPLING = 0.1875;
+/** Least variance on a level above 0, square pixels of it. */
+export const MIN_VARIANCE = 0.5;
 /** Subtracted from each weight; a Gaussian ends where its weight is this. */
 export const CUTOFF = 1 / 64;
 /** Weight of the black ground behind all Gaussians, where a picture is a mean. */

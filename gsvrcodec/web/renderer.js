@@ -5,7 +5,7 @@ import {
 } from "./attributes.js";
 import { GsvrError } from "./errors.js";
 import { bindTexture, makeTexture, Program, Target, targetFormat } from "./graphics.js";
-import { GROUND, MOST_LOG_OPACITY } from "./reconstruction.js";
+import { GROUND, LEVELS, MOST_LOG_OPACITY } from "./reconstruction.js";
 import {
   COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, SCREEN_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
   UP_FRAGMENT,
@@ -19,7 +19,6 @@ const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 3]];
 const MOST_SUM = 2 ** 15;
 /** How many Gaussians of the largest opacity may lie one upon the other without leaving them. */
 const MOST_LAYERS = 64;
-const LEVELS = 5;
 /** Groups: still ones by level, then the others by level; and those that are not drawn. */
 const UNUSED = 2 * LEVELS;
 

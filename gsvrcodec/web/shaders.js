@@ -1,6 +1,8 @@
 /** The programs of the renderer (sections 8.2, 8.4 and 8.5), in GLSL ES 3.00. */
 
-import { CUTOFF, MIN_SCALE, MOST_LOG_OPACITY } from "./reconstruction.js";
+import {
+  ANTIALIAS, CUTOFF, DILATION, MIN_SCALE, MIN_VARIANCE, MOST_LOG_OPACITY, UPSAMPLING,
+} from "./reconstruction.js";
 
 const HEAD = `#version 300 es
 precision highp float;
@@ -88,12 +90,12 @@ void main() {
   float least = min(zoom.x, zoom.y);
   vec2 square = scales * scales, v;
   if (side == 1.0) {
-    v = square + 0.1 + max(1.0 / (least * least) - 1.0, 0.0) / 4.0;
+    v = square + ${DILATION} + max(1.0 / (least * least) - 1.0, 0.0) * ${ANTIALIAS};
   } else {
     float area = side * side / (least * least);
-    v = max(square - 0.1875 * area, area / 2.0);
+    v = max(square - ${UPSAMPLING} * area, ${MIN_VARIANCE} * area);
   }
-  vec2 ratio = (square + 0.1) / v;
+  vec2 ratio = (square + ${DILATION}) / v;
   factors = scale * opacity * sqrt(ratio.x * ratio.y) * vec4(colour, 1.0);
 
   vec2 sigma = sqrt(v), d = zoom / side;

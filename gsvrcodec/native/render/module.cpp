@@ -201,7 +201,7 @@ void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double 
                     threads);
 }
 
-// By the names of gsvrcodec/arrays/reconstruction.py.
+// By the names of gsvrcodec/model/reconstruction.py.
 std::map<std::string, double> constants() {
     return {{"MIN_SCALE", gsvr::kMinScale},    {"DILATION", gsvr::kDilation},
             {"CUTOFF", gsvr::kCutoff},         {"ANTIALIAS", gsvr::kAntialias},
