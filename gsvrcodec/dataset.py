@@ -110,8 +110,8 @@ class ClipDataset(Dataset[Any]):
             numbers = [found[n % len(found)] for n in range(self.frames)]
         else:
             numbers = [found[min(n, len(found) - 1)] for n in range(self.frames)]
-        data: Any = self._decoder(film).get_frames_at(numbers).data
-        clip = data.permute(0, 3, 1, 2)  # contiguous, so that a batch copies it at once
+        tensor = self._decoder(film).get_frames_at(numbers).tensor
+        clip = tensor.permute(0, 3, 1, 2)  # contiguous, so that a batch copies it at once
         return clip if self.transform is None else self.transform(clip)
 
     def place(self, index: int) -> tuple[int, int]:

@@ -39,6 +39,9 @@ class Limits:
         Args:
             environment: Variables by name; None = those of the process.
 
+        Returns:
+            The limits.
+
         Raises:
             UsageError: A variable is not a whole number of at least 1.
         """

@@ -89,7 +89,13 @@ class Decoder:
         return self._reader.complete
 
     def wait_for(self, frames: int | None) -> int:
-        """Wait until so many frames of a pipe are known, None = all; return how many are.
+        """Wait until so many frames of a pipe are known.
+
+        Args:
+            frames: Number of frames; None = all.
+
+        Returns:
+            The number of frames that are known.
 
         Raises:
             CorruptError: The pipe is damaged or cut short, and `keep_going` is not set.
@@ -153,6 +159,9 @@ class Decoder:
         Args:
             index: Number of the frame, from 0; -1 = the last.
 
+        Returns:
+            The frame.
+
         Raises:
             IndexError: `index` is out of range.
             CorruptError: The GOP of the frame, or one that it is predicted from, is damaged.
@@ -186,7 +195,13 @@ class Decoder:
         )
 
     def get_frame_played_at(self, seconds: float | Fraction) -> Frame:
-        """Return the frame shown at a time, in seconds.
+        """Return the frame shown at a time.
+
+        Args:
+            seconds: The time, on the clock of the timestamps.
+
+        Returns:
+            The frame.
 
         Raises:
             ValueError: The video shows no frame at that time, or the decoder is closed.
@@ -196,7 +211,14 @@ class Decoder:
     def get_frames_played_in_range(
         self, start_seconds: float | Fraction, stop_seconds: float | Fraction
     ) -> FrameBatch:
-        """Return the frames shown from `start_seconds` up to, but not at, `stop_seconds`.
+        """Return the frames shown in a part of the video.
+
+        Args:
+            start_seconds: The first time, on the clock of the timestamps.
+            stop_seconds: The time up to which, but not at which.
+
+        Returns:
+            The frames in order; none if both times are the same.
 
         Raises:
             ValueError: The stop is before the start, or the range exceeds the video.
@@ -303,7 +325,13 @@ class Decoder:
         return int(self._gops.get(gop).pts[number - entry.first_frame]) * base
 
     def first_frame_from(self, seconds: float | Fraction) -> int:
-        """Return the first frame that starts at a time or later; `len(self)` if none does.
+        """Return the first frame that starts at a time or later.
+
+        Args:
+            seconds: The time, on the clock of the timestamps.
+
+        Returns:
+            The number of the frame; `len(self)` if none does.
 
         Raises:
             CorruptError: The GOP shown at that time is damaged.
@@ -399,6 +427,9 @@ def open(
             the same shape, (F, H, W, 3), and seen as (F, 3, H, W) they are contiguous.
         limits: Limits on the content; None = the defaults, or those of the environment.
         keep_going: Also open a file that is cut short, and leave out damaged GOPs when iterating.
+
+    Returns:
+        The decoder, to be closed, as by a `with` block.
 
     Raises:
         InputError: The file cannot be read.

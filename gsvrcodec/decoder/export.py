@@ -95,6 +95,9 @@ def decode(
         limits: Limits on the content; None = the defaults, or those of the environment.
         progress: Called with the number of frames done, and that of all frames, None = not known.
 
+    Returns:
+        How many frames were written, and how many were lost.
+
     Raises:
         DeviceError: The requested GPU is not usable.
         UsageError: Part of the film, size, rate or name of the output is invalid.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ from gsvrcodec.bitstream.header import ColourInfo
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.errors import CorruptError, LimitError
-from gsvrcodec.render import Codes
+from gsvrcodec.render import Codes, as_tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 _log = logging.getLogger(__name__)
 
@@ -28,14 +31,19 @@ _TICK_TOLERANCE = Fraction(1, 10**6)
 class Frame:
     """One decoded picture."""
 
-    #: (H, W, 3) red, green, blue: uint8, or uint16 of more than 8 bits; a NumPy array, or a torch
-    #: tensor if `open` was asked for them, and on a GPU
+    #: (H, W, 3) red, green, blue: uint8, or uint16 of more than 8 bits; a NumPy array, or, on a GPU
+    #: and where `open` was asked for `tensors`, a torch tensor: see `tensor`
     data: Codes
     index: int  #: frame number, from 0
     pts: int  #: presentation timestamp, ticks of the time base
     duration: int  #: display duration, ticks; 0 = not known
     pts_seconds: float  #: presentation timestamp, seconds
     duration_seconds: float  #: display duration, seconds; 0 = not known
+
+    @property
+    def tensor(self) -> Tensor:
+        """`data` as a torch tensor, in the same memory; imports torch."""
+        return as_tensor(self.data)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +56,11 @@ class FrameBatch:
     duration: NDArray[np.int64]  #: (F,) display durations, ticks; 0 = not known
     pts_seconds: NDArray[np.float64]  #: (F,) presentation timestamps, seconds
     duration_seconds: NDArray[np.float64]  #: (F,) display durations, seconds; 0 = not known
+
+    @property
+    def tensor(self) -> Tensor:
+        """`data` as a torch tensor, in the same memory; imports torch."""
+        return as_tensor(self.data)
 
     def __len__(self) -> int:
         """Return the number of frames F."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from gsvrcodec.model.passage import Passage
 from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time, time_at
-from gsvrcodec.render import Backend, Codes, Prepared, as_tensors, empty_frames
+from gsvrcodec.render import Backend, Codes, Prepared, as_tensor, empty_frames
 
 #: Width and height in pixels, where -1 keeps the aspect ratio and -2 also rounds to an even number;
 #: or a factor for both.
@@ -66,9 +66,9 @@ class PictureMaker:
     def given(self, pictures: Codes) -> Codes:
         """Return rendered pictures as they were asked for: arrays, or tensors in the same memory.
 
-        Tensors too are typed as arrays.
+        Tensors too are typed as arrays; `Frame.tensor` is typed as what it is.
         """
-        return as_tensors(pictures) if self.tensors else pictures
+        return cast(Codes, as_tensor(pictures)) if self.tensors else pictures
 
     def frames(
         self, gop: ReadyGop, inside: NDArray[np.int64], size: tuple[int, int], out: Codes

@@ -107,6 +107,9 @@ def encode(
             checksum of the one that was analysed here. False = frames are sent to them.
         **settings: fields of `EncodeSettings`.
 
+    Returns:
+        Size, quality and time of the whole and of each GOP; with `dst=None` the file, too.
+
     Raises:
         DeviceError: the GPU that was asked for is not usable, or its memory does not suffice.
         UsageError: settings contradict each other or do not fit the video; frames from memory

@@ -13,7 +13,7 @@ Ticks = NDArray[np.int64]
 
 
 def normalised_time(pts: Ticks) -> Float32Array:
-    """tau of each frame of a GOP: -1 at the first frame, 1 at the last, 0 for a single frame.
+    """Tau of each frame of a GOP: -1 at the first frame, 1 at the last, 0 for a single frame.
 
     Args:
         pts: Shape (F,), strictly increasing, ticks.
@@ -29,7 +29,7 @@ def normalised_time(pts: Ticks) -> Float32Array:
 
 
 def time_at(pts: Ticks, ticks: int | Fraction) -> np.float32:
-    """tau of any time, linear in time from -1 at the first frame of a GOP to 1 at the last.
+    """Tau of any time, linear in time from -1 at the first frame of a GOP to 1 at the last.
 
     tau is clamped to -1 before the first frame and to 1 after the last frame: motion is not
     extrapolated.

@@ -1,0 +1,1 @@
+"""The native core: `_core` renders, `_entropy` codes planes."""

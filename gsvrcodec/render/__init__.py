@@ -6,7 +6,7 @@ specification in code, which the others are tested against).
 
 from __future__ import annotations
 
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -14,12 +14,15 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend, Codes, Prepared, Size
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
 __all__ = [
     "Backend",
     "Codes",
     "Prepared",
     "Size",
-    "as_tensors",
+    "as_tensor",
     "backend_on",
     "empty_frames",
     "render_frames",
@@ -113,14 +116,10 @@ def empty_frames(count: int, size: Size, *, bit_depth: int = 8, device: str = "c
     return np.empty(shape, np.uint16)
 
 
-def as_tensors(frames: Codes) -> Codes:
-    """Return frames as a torch tensor that shares their memory, although its type does not say so.
-
-    A tensor is returned as it is.
-    """
+def as_tensor(frames: Codes) -> Tensor:
+    """Return frames as a torch tensor that shares their memory; a tensor is returned as it is."""
     if not isinstance(frames, np.ndarray):
         return frames
     import torch
 
-    tensor: Any = torch.from_numpy(frames)
-    return cast(Codes, tensor)
+    return torch.from_numpy(frames)

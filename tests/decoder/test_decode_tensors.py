@@ -33,6 +33,15 @@ def test_equal_the_arrays(path: Path, bit_depth: int, dtype: torch.dtype) -> Non
             np.testing.assert_array_equal(tensor.numpy(), array)
 
 
+def test_a_frame_gives_a_tensor_of_its_memory(path: Path) -> None:
+    with gsvrcodec.open(path) as arrays, gsvrcodec.open(path, tensors=True) as tensors:
+        frame, batch = arrays[7], arrays[3:5]
+        for tensor, data in ((frame.tensor, frame.data), (batch.tensor, batch.data)):
+            assert tensor.numpy().ctypes.data == data.ctypes.data
+        given = tensors[7]
+        assert given.tensor is given.data
+
+
 @pytest.mark.parametrize("size", [None, (45, 31)])
 def test_planar(path: Path, size: tuple[int, int] | None) -> None:
     with (

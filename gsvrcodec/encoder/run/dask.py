@@ -48,11 +48,14 @@ def fault(address: str, told: Any) -> str | None:
 
 
 def encoded(data: bytes, threads: int) -> list[EncodedGop] | Exception:
-    """Encode a pickled chain on a worker, and return the GOPs or the error.
+    """Encode a pickled chain on a worker.
 
     Args:
         data: the chain.
         threads: native threads; 0 = GSVR_THREADS, or as many as the worker was started with.
+
+    Returns:
+        The GOPs of the chain, or the error.
     """
     from distributed import get_worker
 

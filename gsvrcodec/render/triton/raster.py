@@ -147,8 +147,11 @@ def gather(
     height,
     SUMS: tl.constexpr,
 ):
-    """Sums over the pixels of one splat: of the gradients of its factors of the weight (SUMS), and
-    of its exponent's times dx, dy, dx^2, dx dy, dy^2, from its centre (px of the level)."""
+    """Sum gradients over the pixels of one splat.
+
+    Those of its factors of the weight (SUMS), and those of its exponent times dx, dy, dx^2, dx dy,
+    dy^2, from its centre (px of the level).
+    """
     SPLAT: tl.constexpr = ELLIPSE + SUMS
     i = tl.program_id(0)
     row = tl.program_id(1).to(tl.int64) * n + i
