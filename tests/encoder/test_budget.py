@@ -13,7 +13,6 @@ from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.plan import (
     allocate,
     grid_parameters,
-    key_gaussians,
     most_gaussians,
     triplane_grid,
 )
@@ -104,21 +103,3 @@ def test_every_frame_has_as_many_numbers() -> None:
 def test_grid_of_the_paper() -> None:
     assert triplane_grid((1280, 640), 24, EncodeSettings(profile="paper")) == (32, 16, 12)
     assert triplane_grid((1280, 640), 1, EncodeSettings(profile="paper")) == (32, 16, 1)
-
-
-@pytest.mark.parametrize("profile", get_args(Profile))
-def test_no_grid_for_a_polynomial(profile: Profile) -> None:
-    settings = EncodeSettings(deform="polynomial", profile=profile)
-    assert triplane_grid((1280, 640), 24, settings) == (0, 0, 0)
-    assert grid_parameters((0, 0, 0), settings.blending) == 0
-
-
-def test_a_tri_plane_takes_a_part_of_a_key_gop() -> None:
-    alone, shared, tiny = (
-        key_gaussians(size, grid)
-        for size, grid in ((5700, (0, 0, 0)), (5700, (16, 12, 8)), (100, (16, 12, 8)))
-    )
-    assert 600 < alone < 1000
-    assert 0.6 * alone < shared < 0.8 * alone
-    # Half of the bytes are for Gaussians, however many the tri-plane would take.
-    assert tiny == pytest.approx(alone * 100 / 5700 / 2, abs=1)

@@ -125,30 +125,6 @@ def test_a_slope_and_its_gaussians_stay() -> None:
 
 
 class TestTime:
-    def test_what_is_left_is_shared_by_frames_and_effort(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        now = 100.0
-        monkeypatch.setattr("time.perf_counter", lambda: now)
-        efforts = shared_efforts(LENGTHS)
-        frames = map(visited_frames, LENGTHS)
-        weights = [count * effort for count, effort in zip(frames, efforts, strict=True)]
-        jobs = chain_jobs(frames_of(), [BUDGET] * 4, EncodeSettings(), [], 60.0)
-        first = 60 * weights[0] / sum(weights)
-        assert next(jobs).seconds == pytest.approx(first)
-        now += first + 2.0  # so long beyond its time each of the three others may take, too
-        left = 60 - first - 2.0 - 3 * 2.0
-        assert jobs.send(RESULTS[0]).seconds == pytest.approx(left * weights[1] / sum(weights[1:]))
-        now = 999.0
-        assert jobs.send(RESULTS[1]).seconds == 0
-
-    def test_a_gop_of_cheap_steps_gets_less(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("time.perf_counter", lambda: 7.0)
-        cheap = replace(BUDGET, step_cost=0.25)
-        jobs = jobs_of([BUDGET, cheap, cheap, cheap], seconds=60.0)
-        key, predicted, *_ = shared_efforts(LENGTHS)
-        assert jobs[0].seconds == pytest.approx(60 * key / (key + 3 * 0.25 * predicted))
-
     def test_a_gop_may_take_less(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("time.perf_counter", lambda: 7.0)
         jobs = jobs_of(seconds=60.0)

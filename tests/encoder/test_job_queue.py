@@ -113,22 +113,6 @@ class TestAllTasks:
         found = jobs(film, GOPS[2])
         assert [job.first_frame for job in found] == [0, 4, 7, 10]
 
-    def test_the_time_left_is_shared_by_frames(
-        self, film: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr("time.perf_counter", lambda: 100.0)
-
-        def shares(*finished: range, **settings: Any) -> list[float]:
-            """Seconds of each chain that has one GOP to do."""
-            found = jobs(film, GOPS[1], *finished, time_budget=1.0, **settings)
-            return [job.seconds or 0.0 for job in found]
-
-        # No time goes by here: each share is of what is left of nine seconds.
-        assert shares(began=97.0) == pytest.approx([6 * 4 / 9, 6 * 3 / 5, 6])
-        assert shares(began=97.0, workers=3) == pytest.approx([6, 6 * 3 / 4, 6 * 2 / 4])
-        assert shares(GOPS[0], began=97.0) == pytest.approx([2 * 3 / 5, 2])
-        assert shares(began=0.0) == [0, 0, 0]
-
     def test_frames_are_read_when_a_chain_is_asked_for(self, film: Path) -> None:
         with open_video(film) as video, holding() as checkpoint:
             longer = [*CHAINS[:2], [range(10, 15)]]

@@ -175,19 +175,6 @@ class TestQuality:
         assert max(found) > 2 > min(found)
         assert min(found[:2]) <= found[2] <= max(found[:2])
 
-    def test_chance_does_not_repeat_a_trial(self) -> None:
-        class Lucky(MadeUp):
-            """Of the last trials above, the coarser one comes out better."""
-
-            def quantised(self, qscale: float, *, trials: int = 1) -> Stored:
-                found.append(qscale)
-                return Stored(37.0 + (-0.5, 0.1, 0.12, 0.05)[len(found) - 1], 1000, qscale)
-
-        found: list[float] = []
-        quantise_to_psnr(Lucky(), 37.0)
-        coarsest, finest, between, last = found
-        assert finest < between < last < coarsest
-
     def test_the_usual_loss_takes_one_trial(self) -> None:
         candidate = MadeUp(left=RATE_CONTROL.loss_left)
         quantise_to_psnr(candidate, 39.0)
