@@ -19,7 +19,7 @@ from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.render import Codes, as_tensor
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from gsvrcodec.render.backend import Tensor
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from torch import Tensor as Tensor
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
 Size = tuple[int, int]  #: width and height, pixels
