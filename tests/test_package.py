@@ -57,6 +57,25 @@ assert callable(gsvrcodec.decode) and callable(gsvrcodec.encode)
     assert "gsvrcodec" in loaded_by(code)
 
 
+def test_a_clone_without_its_core_says_what_to_do() -> None:
+    code = """
+import sys
+class Nowhere:
+    def find_spec(self, name, *_):
+        if name == "gsvrcodec.native._core":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Nowhere())
+import gsvrcodec
+try:
+    gsvrcodec.open
+except ImportError as error:
+    assert "is not built in" in str(error) and "pip install -e ." in str(error)
+else:
+    raise AssertionError
+"""
+    loaded_by(code)
+
+
 ROOT = Path(__file__).parent.parent
 WHOLE, DECODER = (
     tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]

@@ -116,7 +116,8 @@ def about(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except (CorruptError, UnsupportedError) as error:
-        raise _FileError(f"{os.fspath(path)}: {error}", error.exit_code) from error
+        message = _with_notes(f"{os.fspath(path)}: {error}", error)
+        raise _FileError(message, error.exit_code) from error
 
 
 def may_overwrite(path: str | None, overwrite: bool) -> bool:
@@ -128,6 +129,21 @@ def may_overwrite(path: str | None, overwrite: bool) -> bool:
     if click.confirm(f"{path} exists already. Overwrite it?", err=True):
         return True
     raise OutputError(f"{path} is left as it is")
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: "1 frame", "1,200 frames"."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
+
+
+def not_on_a_terminal(path: str | None) -> None:
+    """Refuse to print a film on a terminal.
+
+    Raises:
+        click.UsageError: `path` is the standard output, and that is a terminal.
+    """
+    if path == "-" and sys.stdout.isatty():
+        raise click.UsageError("a film on a terminal is no use: name a file, or pipe the output")
 
 
 def write_text(path: str, text: str, *, overwrite: bool) -> None:

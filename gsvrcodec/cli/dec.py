@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import get_args
 
 import click
 
+from gsvrcodec.cli.command import Command
 from gsvrcodec.cli.common import (
     EXIT_PARTIAL,
     about,
     device_option,
     may_overwrite,
+    not_on_a_terminal,
     overwrite_option,
     quiet_option,
     run,
     threads_option,
     version_option,
 )
-from gsvrcodec.cli.groups import GroupedCommand
 from gsvrcodec.cli.values import rate, seconds, size
+from gsvrcodec.errors import CorruptError
 from gsvrcodec.model.layers import Layers
 from gsvrcodec.video.output import DEFAULT_CRF
 
@@ -41,9 +44,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command(
-    "gsvrdec", cls=GroupedCommand, groups=_GROUPS, context_settings={"max_content_width": 100}
-)
+@click.command("gsvrdec", cls=Command, groups=_GROUPS, context_settings={"max_content_width": 100})
 @click.argument("source", metavar="INPUT.gsvr")
 @click.argument("target", metavar="[OUTPUT]", required=False)
 @click.option(
@@ -186,12 +187,14 @@ def command(
 
     if target is None and muxer not in ("md5", "null"):
         raise click.UsageError("name an output, or - for the standard output")
+    if muxer not in ("md5", "null"):
+        not_on_a_terminal(target)
     if size is not None and scale is not None:
         raise click.UsageError("give --size or --scale, not both")
     if (path := path_of(source)) is not None:
         check_input(path)
     overwrite = may_overwrite(target, overwrite)
-    with about(source), FrameDisplay(quiet=quiet) as display:
+    with about(source), _keep_going_hint(keep_going), FrameDisplay(quiet=quiet) as display:
         result = decode(
             source,
             target,
@@ -222,3 +225,14 @@ def command(
         err=True,
     )
     return EXIT_PARTIAL
+
+
+@contextmanager
+def _keep_going_hint(keep_going: bool) -> Iterator[None]:
+    """Say in an error about a damaged chunk that the rest may be decoded."""
+    try:
+        yield
+    except CorruptError as error:
+        if error.chunk is not None and not keep_going:
+            error.add_note("`keep_going=True` decodes what is intact")
+        raise

@@ -6,14 +6,17 @@ import json
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from gsvrcodec.cli.command import Command
 from gsvrcodec.cli.common import (
     EXIT_MISMATCH,
+    counted,
     device_option,
     may_overwrite,
+    not_on_a_terminal,
     overwrite_option,
     quiet_option,
     run,
@@ -21,10 +24,13 @@ from gsvrcodec.cli.common import (
     version_option,
     write_text,
 )
-from gsvrcodec.cli.groups import GroupedCommand
+from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
 from gsvrcodec.cli.values import count, crop, file_size, gop_length, rate, seconds
 from gsvrcodec.encoder.settings import DEFAULT_CRF, EncodeSettings, Pack, Preset
 from gsvrcodec.fit.recipe import Deform, Flow, Profile
+
+if TYPE_CHECKING:
+    from gsvrcodec.video import VideoReader
 
 _DEFAULTS = EncodeSettings()
 
@@ -53,7 +59,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 @click.command(
     "gsvrenc",
-    cls=GroupedCommand,
+    cls=Command,
     groups=_GROUPS,
     context_settings={"max_content_width": 100, "show_default": True},
 )
@@ -298,6 +304,7 @@ def command(
 
     if [target, stats, "-" if progress == "json" else None].count("-") > 1:
         raise click.UsageError("only one thing can go to the standard output")
+    not_on_a_terminal(target)
     if shared_source and cluster is None:
         raise click.UsageError("--shared-source is for the workers of a --cluster")
     # Options and paths are checked before torch is loaded, which takes seconds.
@@ -318,27 +325,30 @@ def command(
     overwrite_stats = may_overwrite(stats, overwrite)
     if stats is not None:
         check_output(stats, overwrite=overwrite_stats, source=source)
-    if not is_pipe(source):
-        open_video(source, **request.reading).close()
-
-    from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
-    from gsvrcodec.encoder.encode import encode
-    from gsvrcodec.encoder.run.dask import Cluster
-
     as_json = EncodeJson() if progress == "json" else None
     shown = as_json or EncodeDisplay(quiet=quiet or progress == "none")
-    with nullcontext() if cluster is None else Cluster(cluster) as executor, shown as display:
-        result = encode(
-            source,
-            target,
-            overwrite=overwrite,
-            resume=resume,
-            verify=verify,
-            progress=display,
-            executor=executor,
-            shared_source=shared_source,
-            **settings,
-        )
+    if not is_pipe(source):
+        with open_video(source, **request.reading) as video:
+            if as_json is None and not (quiet or progress == "none"):
+                click.echo(_described(source, video), err=True)
+
+    with shown as display:
+        display.loading()
+        from gsvrcodec.encoder.encode import encode
+        from gsvrcodec.encoder.run.dask import Cluster
+
+        with nullcontext() if cluster is None else Cluster(cluster) as executor:
+            result = encode(
+                source,
+                target,
+                overwrite=overwrite,
+                resume=resume,
+                verify=verify,
+                progress=display,
+                executor=executor,
+                shared_source=shared_source,
+                **settings,
+            )
     if stats is not None:
         content = {**result.to_dict(), "settings": chosen.recorded()}
         write_text(stats, json.dumps(content, indent=2) + "\n", overwrite=overwrite_stats)
@@ -348,8 +358,19 @@ def command(
         as_json.done(summary)
     elif not quiet:
         click.echo(
-            f"{result.path}: {result.frames} frames, {result.gops} GOPs, "
-            f"{result.gaussians} Gaussians, {result.bytes} bytes, {result.bpp:.4f} bpp, "
-            f"{result.psnr:.2f} dB, {clock(result.seconds)}{', verified' * verify}",
+            f"{result.path}: {counted(result.frames, 'frame')}, {result.bytes:,} bytes, "
+            f"{result.bitrate / 1000:.4g} kbit/s, {result.bpp:.4f} bpp, {result.psnr:.2f} dB in "
+            f"{clock(result.seconds)}{', verified' * verify}",
             err=True,
         )
+
+
+def _described(source: str, video: VideoReader) -> str:
+    """Return what is known of a video before it is read."""
+    info = video.info
+    parts = [f"{source}: {info.width}x{info.height}"]
+    if info.average_rate is not None:
+        parts.append(f"{float(info.average_rate):.4g} fps")
+    if video.expected_frames is not None:
+        parts.append(f"{video.expected_frames} frames")
+    return ", ".join([*parts, info.codec])

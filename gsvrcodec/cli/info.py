@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsvrcodec.cli.command import Command
 from gsvrcodec.cli.common import (
     EXIT_CORRUPT,
     EXIT_MISMATCH,
     about,
+    counted,
     may_overwrite,
     overwrite_option,
     run,
@@ -34,7 +36,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command("gsvrinfo", context_settings={"max_content_width": 100})
+@click.command("gsvrinfo", cls=Command, context_settings={"max_content_width": 100})
 @click.argument("source", metavar="INPUT.gsvr")
 @click.option(
     "--json",
@@ -101,7 +103,9 @@ def command(
     if info.warnings:
         return EXIT_MISMATCH
     frames, count = info.metadata.frames, info.metadata.gops
-    click.echo(f"verified: {frames} frames in {count} GOPs are sound", err=True)
+    click.echo(
+        f"verified: {counted(frames, 'frame')} in {counted(count, 'GOP')}, all sound", err=True
+    )
     return 0
 
 
@@ -130,8 +134,8 @@ def _lines(info: FileInfo) -> Iterator[str]:
         "frames": f"{meta.frames:,} at {float(meta.average_rate):.5g} a second",
         "time": f"{float(meta.duration_seconds):.6g} s from {float(meta.begin_seconds):.6g} s, "
         f"ticks of {meta.time_base} s",
-        "GOPs": f"{meta.gops:,}, of which {info.key_gops:,} are key GOPs",
-        "Gaussians": f"{meta.gaussians:,}, of which {info.carried:,} are carried over",
+        "GOPs": f"{meta.gops:,}, {info.key_gops:,} of them key GOPs",
+        "Gaussians": f"{meta.gaussians:,}, {info.carried:,} of them carried over",
         "parameters": f"{info.parameters:,}",
         "size": size,
     }

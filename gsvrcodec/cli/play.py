@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsvrcodec.cli.command import Command
 from gsvrcodec.cli.common import about, may_overwrite, overwrite_option, run, version_option
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command("gsvrplay", context_settings={"max_content_width": 100})
+@click.command("gsvrplay", cls=Command, context_settings={"max_content_width": 100})
 @click.argument("source", metavar="INPUT")
 @click.option(
     "--export",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsvrcodec.cli.command import Command
 from gsvrcodec.cli.common import (
     about,
     may_overwrite,
@@ -30,7 +31,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return run(command, args)
 
 
-@click.command("gsvrreport", context_settings={"max_content_width": 100})
+@click.command("gsvrreport", cls=Command, context_settings={"max_content_width": 100})
 @click.argument("source", metavar="SOURCE")
 @click.argument("coded", metavar="INPUT.gsvr ...", nargs=-1, required=True)
 @click.option(
@@ -108,6 +109,10 @@ def command(
         outputs[path] = may_overwrite(path, overwrite)
         for given in (source, *coded):
             check_output(str(path), overwrite=outputs[path], source=given)
+    if plot_path is not None:
+        from gsvrcodec.report.plot import check_plot, plot
+
+        check_plot(plot_path)
     with FrameDisplay(quiet=quiet) as display:
         result = study(
             source,
@@ -119,7 +124,7 @@ def command(
             progress=display,
             about=about,
         )
-    if "-" not in (json_path, csv_path):
+    if not quiet and "-" not in (json_path, csv_path):
         print_study(result)
     if json_path is not None:
         write_text(json_path, result.to_json(), overwrite=outputs.get(json_path, False))
@@ -130,7 +135,6 @@ def command(
         from pathlib import Path
 
         from gsvrcodec.files import atomic_output
-        from gsvrcodec.report.plot import plot
 
         suffix = Path(plot_path).suffix.lower().removeprefix(".")
         with atomic_output(plot_path, overwrite=outputs[plot_path]) as partial:

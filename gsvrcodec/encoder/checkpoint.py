@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, NamedTuple, Self
 
 from gsvrcodec.bitstream.chunk import (
     HEAD_BYTES,
@@ -41,6 +41,14 @@ _PLAN, _ANALYSIS, _PART = b"plan", b"stat", b"part"
 _LENGTH = struct.Struct("<I")
 #: Of a finished GOP, beside its frames.
 _FIGURES = ("psnr", "float_psnr", "seconds", "qscale")
+
+
+class _Kept(NamedTuple):
+    """A finished GOP in the file."""
+
+    figures: EncodedGop  #: without its payload
+    entry: ChunkEntry  #: where the part is
+    payload_bytes: int
 
 
 class Checkpoint:
@@ -63,7 +71,7 @@ class Checkpoint:
     def __init__(
         self, target: Path | None, plan: Mapping[str, Any], *, resume: bool, restart: bool
     ) -> None:
-        self._entries: dict[range, tuple[EncodedGop, ChunkEntry]] = {}
+        self._entries: dict[range, _Kept] = {}
         self._analysis: Analysis | None = None
         self._end = 0
         self._lock = threading.Lock()  # of the place in the file
@@ -136,11 +144,15 @@ class Checkpoint:
         figures = {name: getattr(gop, name) for name in _FIGURES}
         text = json.dumps({"frames": frames, "figures": figures}).encode()
         entry = self._append(_PART, _LENGTH.pack(len(text)) + text + gop.payload)
-        self._entries[gop.frames] = replace(gop, payload=b""), entry
+        self._entries[gop.frames] = _Kept(replace(gop, payload=b""), entry, len(gop.payload))
 
     def figures(self, gop: range) -> EncodedGop:
         """Return a finished GOP without its payload; KeyError if it is not there."""
-        return self._entries[gop][0]
+        return self._entries[gop].figures
+
+    def size(self, gop: range) -> int:
+        """Return the bytes of the payload of a finished GOP; KeyError if it is not there."""
+        return self._entries[gop].payload_bytes
 
     def payload(self, gop: range) -> bytes:
         """Return the payload of a GOP, read back from the file.
@@ -151,7 +163,7 @@ class Checkpoint:
         name = self.path or "the temporary file"
         try:
             with named(name):
-                return _split(self._read(self._entries[gop][1]))[1]
+                return _split(self._read(self._entries[gop].entry))[1]
         except CorruptError as error:
             raise OutputError(f"{name} is not what was written to it: {error}") from error
 
@@ -243,8 +255,8 @@ class Checkpoint:
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
         elif entry.type == _PART:
-            gop, _ = _split(payload)
-            self._entries[gop.frames] = gop, entry
+            gop, content = _split(payload)
+            self._entries[gop.frames] = _Kept(gop, entry, len(content))
 
     def _read(self, entry: ChunkEntry) -> bytes:
         with self._lock:

@@ -35,7 +35,7 @@ from gsvrcodec.encoder.request import Request, checked
 from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
-from gsvrcodec.encoder.run.local import Processes
+from gsvrcodec.encoder.run.local import Processes, expected_pace
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
@@ -96,7 +96,8 @@ def encode(
         resume: go on from the checkpoint of an interrupted encode, if there is one; the file will
             be the same as without interruption, unless there is a time budget.
         verify: read the source once more, and compare the file with it.
-        progress: called before the first GOP and after each.
+        progress: called at once, about twice a second while the film is analysed and nothing else
+            can go on, when the fits begin, after each GOP, and before the file is verified.
         executor: any `concurrent.futures.Executor`, such as `gsvrcodec.Cluster`, whose workers fit
             whole chains of GOPs; None = processes of this machine. It stays open. The bytes are
             the same, on the same kind of machine. `workers` is then how many chains it does at
@@ -145,6 +146,10 @@ def encode(
         Lookahead(video, chosen, checkpoint, checksums=shared_source) as lookahead,
     ):
         size = video.info.width, video.info.height
+        pace, tick = partial(expected_pace, chosen, size[0] * size[1]), video.info.time_base
+        meter = Meter(lookahead, checkpoint, began, progress, tick, video.expected_frames, pace)
+        lookahead.waiting = partial(meter.report, "analysing")
+        lookahead.waiting()
         # Analyse, ahead of the fits: where GOPs begin, and which are predicted.
         if not lookahead.until(bool):
             raise NotAVideoError(f"{path} has no video frames")
@@ -169,9 +174,7 @@ def encode(
         tasks = all_tasks(
             lookahead.sections(), budgets_of, chosen, checkpoint, began, reader, runner.at_once()
         )
-        check = partial(
-            _check, video=video, gops=gops, checkpoint=checkpoint, threads=chosen.threads
-        )
+        check = partial(_check, video, meter, checkpoint, chosen.threads)
         destination = Destination(
             target=request.target,
             overwrite=overwrite,
@@ -180,7 +183,7 @@ def encode(
             checkpoint=checkpoint,
             check=check if verify else None,
         )
-        meter = Meter(lookahead, checkpoint, began, progress, video.expected_frames, runner.at_once)
+        meter.workers, lookahead.waiting = runner.at_once, meter.report
         meter.report()
         with open_output(destination) as output:
             with closing(runner.run(tasks)) as finished:
@@ -191,7 +194,8 @@ def encode(
             writer = output.finish()
         gop_stats = _gop_stats(gops, stats, writer, checkpoint)
     _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
-    return _result(request, gop_stats, writer, extras.streams_bytes, began)
+    seconds = float(sum(lookahead.durations) * video.info.time_base)
+    return _result(request, gop_stats, writer, extras.streams_bytes, seconds, began)
 
 
 def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
@@ -213,14 +217,6 @@ def _taken(
     """Bytes of a file that are not those of GOPs, as arguments of `plan`."""
     empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
     return {"overhead": empty.final_size(len(gops), 0), "streams": extras.streams_bytes}
-
-
-def _check(
-    path: Path, *, video: VideoReader, gops: Sequence[range], checkpoint: Checkpoint, threads: int
-) -> None:
-    """Compare a file with its source, and with the quality that was measured."""
-    quality = {own.start: checkpoint.figures(own).psnr for own in gops}
-    verify_file(path, video, quality, threads)
 
 
 def _begin(
@@ -248,6 +244,15 @@ def _begin(
     return writer
 
 
+def _check(
+    video: VideoReader, meter: Meter, checkpoint: Checkpoint, threads: int, path: Path
+) -> None:
+    """Compare a file with its source, and with the quality that was measured."""
+    meter.report("verifying")
+    quality = {own.start: checkpoint.figures(own).psnr for own in checkpoint}
+    verify_file(path, video, quality, threads)
+
+
 def _warn_of_bits_left(taken: int, planned: Sequence[Budget]) -> None:
     """Say so if the file is smaller than it was to be."""
     wanted = sum(budget.bytes for budget in planned)
@@ -264,6 +269,7 @@ def _result(
     gop_stats: tuple[GopStats, ...],
     writer: GsvrWriter,
     streams_bytes: int,
+    duration: float,
     began: float,
 ) -> EncodeResult:
     target, frames = request.target, sum(gop.frames for gop in gop_stats)
@@ -276,6 +282,7 @@ def _result(
         gaussians=writer.gaussians,
         bytes=writer.size,
         bpp=8 * (writer.size - streams_bytes) / pixels,
+        bitrate=8 * (writer.size - streams_bytes) / duration if duration else 0.0,
         psnr=sum(gop.psnr * gop.frames for gop in gop_stats) / frames,
         float_psnr=sum(gop.float_psnr * gop.frames for gop in gop_stats) / frames,
         seconds=time.perf_counter() - began,

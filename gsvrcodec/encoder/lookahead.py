@@ -26,6 +26,9 @@ from gsvrcodec.video import Rgb, VideoReader
 #: Frames that are read before they are analysed.
 _READ_AHEAD = 4
 
+#: Seconds between two signs of life while somebody waits for the analysis.
+_WAKE = 0.5
+
 
 def checksum(picture: Rgb) -> int:
     """Return the CRC-32 of the samples of a picture, (H, W, 3) uint8."""
@@ -39,7 +42,7 @@ class Lookahead:
     Where bits or time are shared out, the whole film is one section. The attributes say what is
     known so far, and grow until the film is `complete`.
 
-    As a context manager it ends the thread.
+    As a context manager it ends the thread. Whoever waits for it calls `waiting` now and then.
 
     Args:
         video: the source.
@@ -63,6 +66,7 @@ class Lookahead:
         self.chains: list[Chain] = []
         self.gops: list[range] = []
         self.complete = False
+        self.waiting: Callable[[], None] = lambda: None
         self._video, self._settings, self._checkpoint = video, settings, checkpoint
         self._summed = checksums
         self._sections: list[Section] = []
@@ -120,10 +124,16 @@ class Lookahead:
 
     def _wait(self, met: Callable[[], bool]) -> None:
         """Wait until a condition is met or the film is complete."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._error or self.complete or met())
-            if self._error is not None:
-                raise self._error
+        while True:
+            with self._changed:
+                over = self._changed.wait_for(
+                    lambda: self._error or self.complete or met(), timeout=_WAKE
+                )
+                if self._error is not None:
+                    raise self._error
+            if over:
+                return
+            self.waiting()
 
     def _run(self) -> None:
         try:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from fractions import Fraction
+from typing import Literal, Protocol
 
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain
 
+#: What an encode does: it looks for GOPs, fits them, compares the file with the source.
+Phase = Literal["analysing", "fitting", "verifying"]
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """State of an encode after a GOP, or before the first (`gop` 0)."""
+    """State of an encode, at any time."""
 
     gop: int  #: GOPs done
     gops: int  #: all GOPs of the frames analysed so far
@@ -21,11 +25,15 @@ class Progress:
     frames: int  #: all frames; until `analysed` a number by the container, or those analysed so far
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
-    eta_seconds: float | None  #: wall time still to go; None = not known yet
+    #: Wall time still to go: by the preset until a GOP is done; None = not known yet.
+    eta_seconds: float | None
     chains_done: int = 0  #: chains of GOPs of which all are done
     chains: int = 0  #: all chains of the frames analysed so far
     workers: int = 1  #: chains that can be fitted at the same time, now
     analysed: bool = True  #: whether the whole film is analysed, so that all numbers are final
+    phase: Phase = "fitting"  #: what the encode does
+    frames_analysed: int = 0  #: frames that the analysis has seen
+    bitrate: float | None = None  #: bits a second of the GOPs done; None = none yet
 
 
 class Known(Protocol):
@@ -33,6 +41,7 @@ class Known(Protocol):
 
     gops: list[range]  #: frames of each
     chains: list[Chain]
+    durations: list[int]  #: of each frame analysed, ticks
     complete: bool  #: whether these are all
 
 
@@ -40,12 +49,13 @@ class Meter:
     """Reports how far an encode has come.
 
     Args:
-        known: has the GOPs and chains of the film that are known so far.
-        checkpoint: keeps those that are done.
+        known: has the frames, GOPs and chains of the film that are known so far.
+        checkpoint: keeps those GOPs that are done.
         began: `time.perf_counter` when the encode did.
         progress: called by `report`; None = nobody wants to know.
+        time_base: seconds a tick.
         expected: frames of the film, as its container tells; None = it does not.
-        workers: tells how many chains can be fitted at the same time now.
+        pace: tells how many seconds a frame is expected to take, with so many workers.
     """
 
     def __init__(
@@ -54,42 +64,55 @@ class Meter:
         checkpoint: Checkpoint,
         began: float,
         progress: Callable[[Progress], None] | None,
-        expected: int | None = None,
-        workers: Callable[[], int] = lambda: 1,
+        time_base: Fraction,
+        expected: int | None,
+        pace: Callable[[int], float],
     ) -> None:
+        self.workers: Callable[[], int] = lambda: 1  #: how many chains are fitted at once, now
         self._known, self._checkpoint = known, checkpoint
         self._began, self._progress = began, progress
-        self._expected, self._workers = expected, workers
+        self._time_base, self._expected, self._pace = time_base, expected, pace
         self._resumed = set(checkpoint)
 
-    def report(self) -> None:
+    def report(self, phase: Phase = "fitting") -> None:
         """Call back."""
         if self._progress is None:
             return
-        complete = self._known.complete  # first, because the lists grow
-        gops, chains = self._known.gops[:], self._known.chains[:]
+        known = self._known
+        complete = known.complete  # first, because the lists grow
+        gops, chains, durations = known.gops[:], known.chains[:], known.durations[:]
         done = [gop for gop in gops if gop in self._checkpoint]
-        frames, frames_done = gops[-1].stop, sum(map(len, done))
+        frames, frames_done = gops[-1].stop if gops else 0, sum(map(len, done))
         fitted = sum(len(gop) for gop in done if gop not in self._resumed)
         if not complete:
             frames = max(frames, self._expected or 0)
         foreseen = complete or self._expected is not None
-        pace = None
-        if fitted:
-            pace = (time.perf_counter() - self._began) / fitted
-        total = sum(self._checkpoint.figures(gop).psnr * len(gop) for gop in done)
+        workers = self.workers()
+        pace = (time.perf_counter() - self._began) / fitted if fitted else None
+        expected = pace or self._pace(max(1, min(workers, len(chains))))
+        psnr = sum(self._checkpoint.figures(gop).psnr * len(gop) for gop in done)
         self._progress(
             Progress(
                 gop=len(done),
                 gops=len(gops),
                 frames_done=frames_done,
                 frames=frames,
-                psnr=total / frames_done if done else None,
+                psnr=psnr / frames_done if done else None,
                 seconds_per_frame=pace,
-                eta_seconds=pace * (frames - frames_done) if pace and foreseen else None,
+                eta_seconds=expected * (frames - frames_done) if foreseen else None,
                 chains_done=sum(all(gop in self._checkpoint for gop in chain) for chain in chains),
                 chains=len(chains),
-                workers=self._workers(),
+                workers=workers,
                 analysed=complete,
+                phase=phase,
+                frames_analysed=len(durations),
+                bitrate=self._bitrate(done, durations),
             )
         )
+
+    def _bitrate(self, done: Sequence[range], durations: Sequence[int]) -> float | None:
+        """Return the bits a second of GOPs that are done."""
+        seconds = self._time_base * sum(sum(durations[gop.start : gop.stop]) for gop in done)
+        if not seconds:
+            return None
+        return float(8 * sum(map(self._checkpoint.size, done)) / seconds)

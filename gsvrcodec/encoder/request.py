@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +14,13 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.errors import UsageError
 from gsvrcodec.files import check_input, check_output, fingerprint, is_stream
 from gsvrcodec.video import VideoSource, is_pipe, path_of, reading_options
+
+#: Suffixes of outputs that a user does not mean to be .gsvr.
+_FOREIGN = re.compile(
+    r"\.(mp4|m4v|mov|mkv|webm|avi|mpe?g|ts|flv|wmv|ogv|h?26[45]|hevc|av1|ivf|y4m|yuv|gif|png|jpe?g|"
+    r"webp|jxl|tiff?|bmp)",
+    re.IGNORECASE,
+)
 
 #: A path of a file, a pipe or a device, "-" = the standard output; or a binary file object.
 Target = Path | BinaryIO
@@ -90,7 +98,13 @@ def _checked_target(
     if where is None:
         return io.BytesIO()
     if isinstance(where, str | os.PathLike):
-        return check_output(where, overwrite=overwrite, source=source)
+        path = check_output(where, overwrite=overwrite, source=source)
+        if _FOREIGN.fullmatch(path.suffix):
+            raise UsageError(
+                f"{path} is named like another format, but an encode writes .gsvr: name it "
+                f"{path.with_suffix('.gsvr')}"
+            )
+        return path
     if isinstance(where, io.TextIOBase) or not hasattr(where, "write"):
         raise UsageError(
             f"`dst` must be a path, a binary file object or None, not {type(where).__name__}"

@@ -49,6 +49,7 @@ class EncodeResult:
     gaussians: int  #: sum over all GOPs; those carried over count in each
     bytes: int  #: of the file
     bpp: float  #: bits a pixel and frame, copied streams left out
+    bitrate: float  #: bits a second, copied streams left out
     psnr: float  #: dB, mean over frames, of 8-bit RGB as decoded
     float_psnr: float  #: dB, the same before quantisation
     seconds: float  #: wall time

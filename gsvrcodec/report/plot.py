@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ PLOT_FORMATS = (".png", ".svg", ".pdf")
 _COLOURS = {"x264": "tab:blue", "x265": "tab:orange", "svtav1": "tab:green"}
 _VARIANTS = ("o-", "s--", "^:", "v-.", "D-")
 
+_MISSING = "plots need matplotlib: pip install matplotlib"
+
 
 def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = None) -> None:
     """Plot the PSNR of every frame; above it rate-distortion, if there is more than one point.
@@ -34,9 +37,7 @@ def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = Non
     Raises:
         UsageError: matplotlib is not installed, or the format is not supported.
     """
-    format = format or Path(path).suffix.lower().removeprefix(".")
-    if f".{format}" not in PLOT_FORMATS:
-        raise UsageError(f"{path}: a plot is written as {', '.join(PLOT_FORMATS)}")
+    format = check_plot(path, format)
     curves = len(study.reports) > 1 or bool(study.curves)
     figure = _figure(8, 10 if curves else 4)
     if curves:
@@ -49,6 +50,16 @@ def plot(study: Study, path: str | os.PathLike[str], *, format: str | None = Non
         0.99, 0.002, f"{study.machine}; {study.libraries}", ha="right", va="bottom", fontsize=6
     )
     figure.savefig(path, format=format)
+
+
+def check_plot(path: str | os.PathLike[str], format: str | None = None) -> str:
+    """Return the format in which `plot` would write; arguments and errors as there."""
+    format = format or Path(path).suffix.lower().removeprefix(".")
+    if f".{format}" not in PLOT_FORMATS:
+        raise UsageError(f"{path}: a plot is written as {', '.join(PLOT_FORMATS)}")
+    if find_spec("matplotlib") is None:
+        raise UsageError(_MISSING)
+    return format
 
 
 def plot_rates(axes: Axes, study: Study) -> None:
@@ -95,5 +106,5 @@ def _figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise UsageError("plots need matplotlib: pip install 'gsvrcodec[plot]'") from error
+        raise UsageError(_MISSING) from error
     return Figure(figsize=(width, height), layout="constrained")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from abc import ABC, abstractmethod
 from fractions import Fraction
 from pathlib import Path
@@ -35,7 +36,7 @@ class _ContainerWriter(ABC):
 
     def __init__(
         self,
-        path: Path,
+        path: Path | None,
         info: OutputInfo,
         *,
         container: str,
@@ -50,9 +51,8 @@ class _ContainerWriter(ABC):
         self._copies = copies
         self._scale = info.time_base.numerator
         self._base = Fraction(1, info.time_base.denominator)
-        self._file = av.open(
-            f"file:{path}", "w", format=container, container_options=container_options
-        )
+        target = sys.stdout.buffer if path is None else f"file:{path}"
+        self._file = av.open(target, "w", format=container, container_options=container_options)
         stream = self._file.add_stream(codec, rate=info.rate, options=codec_options)
         assert isinstance(stream, av.VideoStream)
         self._stream = stream
@@ -168,8 +168,7 @@ class Ffv1Writer(_ContainerWriter):
     """Lossless FFV1 of the RGB samples in Matroska; timestamps are rounded to milliseconds."""
 
     def __init__(self, path: Path | None, info: OutputInfo) -> None:
-        """Create the file at `path`."""
-        assert path is not None
+        """Create the file at `path`; None = standard output."""
         self._warned = False
         self._path = path
         super().__init__(
@@ -181,6 +180,7 @@ class Ffv1Writer(_ContainerWriter):
                 "avoid_negative_ts": "disabled",
                 # `set_sample_aspect` changes the file without updating checksums.
                 "write_crc32": str(int(info.sample_aspect == 1)),
+                "live": str(int(path is None)),
             },
             codec="ffv1",
             codec_options={"level": "3", "slicecrc": "1"},
@@ -199,11 +199,11 @@ class Ffv1Writer(_ContainerWriter):
     def close(self) -> None:
         """Finish the file."""
         super().close()
-        info = self._info
-        if info.sample_aspect != 1 and not set_sample_aspect(
-            self._path, (info.width, info.height), info.sample_aspect
-        ):
-            _log.warning("pixels of %s are shown square in .mkv; use .mp4", info.sample_aspect)
+        size, aspect = (self._info.width, self._info.height), self._info.sample_aspect
+        if aspect == 1:
+            return
+        if self._path is None or not set_sample_aspect(self._path, size, aspect):
+            _log.warning("pixels of %s are shown square in .mkv; use .mp4", aspect)
 
     def _frame(self, rgb: AnyRgb) -> av.VideoFrame:
         """Return the RGB samples; 8-bit samples with a byte of padding after each pixel."""

@@ -51,7 +51,7 @@ WITH_STREAMS = frozenset({"mp4", "mkv"})
 DEEP = frozenset({"mp4", "mkv", "y4m"})
 
 #: Writers that can write to the standard output.
-_STREAMED = frozenset({"y4m", "md5", "null"})
+_STREAMED = frozenset({"y4m", "mkv", "md5", "null"})
 
 
 def muxer_of(path: str | os.PathLike[str] | None, muxer: str | None = None) -> str:
@@ -68,7 +68,9 @@ def muxer_of(path: str | os.PathLike[str] | None, muxer: str | None = None) -> s
     if muxer not in MUXERS:
         raise UsageError(f"unknown muxer {muxer!r}; choose from {', '.join(MUXERS)}")
     if name == STDOUT and muxer not in _STREAMED:
-        raise UsageError(f"{muxer} cannot be written to the standard output; name a file")
+        raise UsageError(
+            f"{muxer} cannot be written to the standard output; name a file, or choose y4m or mkv"
+        )
     return muxer
 
 

@@ -21,7 +21,7 @@ import pytest
 import gsvrcodec
 from gsvrcodec.cli import dec, enc, info, play, report, values
 from gsvrcodec.cli.common import as_options, run
-from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock
+from gsvrcodec.cli.progress import EncodeDisplay, EncodeJson, clock, fitted
 from gsvrcodec.encoder.encode import Progress
 from gsvrcodec.errors import UsageError
 from tests import making
@@ -88,7 +88,11 @@ class TestAll:
         assert described - known <= {"--help", "-", "--", "-a.gsvr"}
 
     def test_no_arguments_fails(self, cli: Runner, name: str) -> None:
-        assert "Missing argument" in cli.fails(2, name)
+        assert f"usage: {name} " in cli.fails(2, name)
+
+    @pytest.mark.parametrize("args", [["-i", "a", "b"], ["a", "-o", "b"]])
+    def test_files_have_no_options(self, cli: Runner, name: str, args: list[str]) -> None:
+        assert f"{name} [OPTIONS]".split()[0] in cli.fails(2, name, *args)
 
     def test_unknown_option_fails(self, cli: Runner, name: str) -> None:
         assert "No such option" in cli.fails(2, name, "--fastt", "a", "b")
@@ -283,23 +287,40 @@ class TestProgress:
     def test_plain_lines(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeDisplay() as display:
             display(Progress(0, 6, 0, 132, None, None, None))
-            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9))
+            display(Progress(0, 6, 0, 132, None, None, None))  # says nothing new
+            display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, bitrate=412345.0))
+            display(Progress(6, 6, 132, 132, 36.208, 1.07, 0.0, phase="verifying"))
         assert capsys.readouterr().err.splitlines() == [
             "GOP 0/6  0/132 frames",
-            "GOP 2/6  48/132 frames  36.21 dB  1.07 s/frame  ETA 1:30",
+            "GOP 2/6  48/132 frames  36.21 dB  412.3 kbit/s  1.07 s/frame  ETA 1:30",
+            "verifying",
         ]
+
+    def test_before_the_fits(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay() as display:
+            display(Progress(0, 0, 0, 96, None, None, 61.0, phase="analysing"))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line == "analysing  0/96 frames  ETA about 1:01"
+
+    def test_fits_a_terminal(self) -> None:
+        parts = ["1/3 chains, 2 workers", "GOP 12/34", "123/456 frames", "38.21 dB", "ETA 1:02:03"]
+        assert fitted(parts, 120) == ("  ".join(parts), 24)
+        assert fitted(parts, 81) == ("  ".join(parts), 9)
+        assert fitted(parts, 80) == ("  ".join(parts), 8)
+        assert fitted(parts, 79) == ("  ".join(parts[1:]), 24)
+        assert fitted(parts, 10) == ("ETA 1:02:03", 8)
 
     def test_many_workers(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeDisplay() as display:
             display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2))
         (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith("GOP 2/6  48/132 frames  1/3 chains, 2 workers  36.21 dB")
+        assert line.startswith("1/3 chains, 2 workers  GOP 2/6  48/132 frames  36.21 dB")
 
     def test_more_gops_than_are_known(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeDisplay() as display:
             display(Progress(2, 6, 48, 132, 36.208, 1.07, 89.9, 1, 3, 2, analysed=False))
         (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith("GOP 2/6+  48/132 frames  1/3+ chains, 2 workers  36.21 dB")
+        assert line.startswith("1/3+ chains, 2 workers  GOP 2/6+  48/132 frames  36.21 dB")
 
     def test_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         with EncodeJson() as display:
@@ -319,6 +340,9 @@ class TestProgress:
             "chains": 3,
             "workers": 2,
             "analysed": True,
+            "phase": "fitting",
+            "frames_analysed": 0,
+            "bitrate": None,
         }
         assert second == {"event": "done", "path": "a.gsvr"}
 

@@ -295,6 +295,13 @@ class TestPipes:
     def test_mp4_needs_a_file(self, cli: Runner, path: Path, tmp_path: Path) -> None:
         assert "name a file" in cli.fails(2, "gsvrdec", path, "-", "--muxer", "mp4")
 
+    def test_matroska_through_a_pipe(self, path: Path, tmp_path: Path) -> None:
+        process = start("gsvrdec", path, "-", "--muxer", "mkv", stdout=PIPE, stderr=PIPE)
+        data, errors = process.communicate()
+        assert process.returncode == 0, errors
+        (tmp_path / "out.mkv").write_bytes(data)
+        assert [frame.rgb.tobytes() for frame in open_video(tmp_path / "out.mkv")] == pictures(path)
+
     @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg program")
     def test_ffmpeg_takes_it(self, path: Path, tmp_path: Path) -> None:
         source = start("gsvrdec", path, "-", "--scale", "2", stdout=PIPE, stderr=PIPE)
@@ -374,7 +381,9 @@ class TestDamage:
         data = np.frombuffer(path.read_bytes(), np.uint8).copy()
         data[len(data) // 2] ^= 1
         path.write_bytes(data.tobytes())
-        assert "chunk GOPD at byte" in cli.fails(3, "gsvrdec", path, tmp_path / "out.mkv")
+        line = cli.fails(3, "gsvrdec", path, tmp_path / "out.mkv")
+        assert "chunk GOPD at byte" in line
+        assert line.endswith("--keep-going decodes what is intact")
         assert list(tmp_path.iterdir()) == [path]
         result = cli("gsvrdec", path, tmp_path / "out.mkv", "--keep-going")
         assert result.code == 5

@@ -54,7 +54,9 @@ def test_small_encode(cli: Runner, tmp_path: Path) -> None:
     assert result.code == 0, result.err
     assert result.out == ""
     assert "GOP 1/2  2/4 frames" in result.err
-    assert f"{target}: 4 frames, 2 GOPs, 400 Gaussians" in result.err.splitlines()[-1]
+    first, *_, last = result.err.splitlines()
+    assert first == f"{making.NOISE}: 64x48, 15 fps, 4 frames, h264"
+    assert f"{target}: 4 frames, {target.stat().st_size:,} bytes" in last
     with gsvrcodec.open(target) as decoder:
         assert decoder[0].data.shape == (48, 64, 3)
         assert [frame.pts for frame in decoder] == [1024 * number for number in range(3, 7)]
@@ -83,12 +85,17 @@ def test_json_stats_and_verification(cli: Runner, tmp_path: Path) -> None:
     assert result.code == 0, result.err
     assert result.err == ""
     lines = [json.loads(line) for line in result.out.splitlines()]
-    assert [line["event"] for line in lines] == ["progress"] * 3 + ["done"]
-    assert [line["gop"] for line in lines[:3]] == [0, 1, 2]
+    assert [line["event"] for line in lines] == ["progress"] * len(lines[:-1]) + ["done"]
+    stages = [(line["phase"], line["gop"]) for line in lines[:-1]]
+    assert list(dict.fromkeys(stages)) == [
+        ("analysing", 0),
+        *(("fitting", number) for number in range(3)),
+        ("verifying", 2),
+    ]
     written = json.loads(stats.read_text())
     gops = written.pop("gop_stats")
     assert written.pop("settings")["gaussians"] == 200
-    assert lines[3] == {"event": "done", **written}
+    assert lines[-1] == {"event": "done", **written}
     assert written["bytes"] == target.stat().st_size
     assert [(gop["first_frame"], gop["frames"], gop["gaussians"]) for gop in gops] == [
         (0, 2, 200),
@@ -101,7 +108,8 @@ def test_rate_options(cli: Runner, tmp_path: Path) -> None:
     target = tmp_path / "out.gsvr"
     line = cli.fails(2, "gsvrenc", making.NOISE, target, "--bitrate", "1.5M", "--bpp", "0.2")
     assert "--bpp and --bitrate exclude each other" in line
-    line = cli.fails(2, "gsvrenc", making.NOISE, target, "--target-size", "1kB", *SMALL[:4])
+    args = ("-q", "--target-size", "1kB", *SMALL[:4])
+    line = cli.fails(2, "gsvrenc", making.NOISE, target, *args)
     assert "--target-size 1000 leaves" in line
     assert not list(tmp_path.iterdir())
 
@@ -216,6 +224,25 @@ class TestBadInput:
             line = cli.fails(1, "gsvrenc", source, tmp_path / name, "-y")
             assert "is the input itself" in line
         assert source.read_bytes() == making.NOISE.read_bytes()
+
+    def test_name_of_another_format_fails(self, cli: Runner, tmp_path: Path) -> None:
+        assert "name it q.gsvr" in cli.fails(2, "gsvrenc", making.NOISE, "q.MP4")
+
+    @pytest.mark.parametrize(
+        ("args", "hint"),
+        [
+            (["-crf", "30"], "--crf"),
+            (["-preset", "slow"], "--preset"),
+            (["-c:v", "libx264"], "one codec"),
+            (["-b:v", "1M"], "--bitrate"),
+            (["-vf", "scale=640:-2"], "pipe ffmpeg"),
+            (["-an"], "--no-audio"),
+            (["-yt", "2"], "No such option"),
+        ],
+        ids=str,
+    )
+    def test_options_of_ffmpeg(self, cli: Runner, args: list[str], hint: str) -> None:
+        assert hint in cli.fails(2, "gsvrenc", making.NOISE, *args, "q.gsvr")
 
     def test_missing_directory_fails(self, cli: Runner, tmp_path: Path) -> None:
         line = cli.fails(1, "gsvrenc", making.NOISE, tmp_path / "none" / "out.gsvr")

@@ -44,8 +44,8 @@ class TestInfo:
     def test_predicted_gops(self, cli: Runner, tmp_path: Path) -> None:
         path = making.gsvr_file(tmp_path / "a.gsvr", predicted=True)
         text, _, table = cli("gsvrinfo", "--gops", "--bits", path).out.partition("\n\n")
-        assert "GOPs       3, of which 1 are key GOPs" in text.splitlines()
-        assert "Gaussians  180, of which 96 are carried over" in text.splitlines()
+        assert "GOPs       3, 1 of them key GOPs" in text.splitlines()
+        assert "Gaussians  180, 96 of them carried over" in text.splitlines()
         gops, bits = (part.splitlines() for part in table.split("\n\n"))
         assert max(map(len, gops)) == 80
         assert [row.split()[3:8] for row in gops[1:]] == [
@@ -114,7 +114,7 @@ class TestVerify:
     def test_sound(self, cli: Runner, path: Path) -> None:
         result = cli("gsvrinfo", "--verify", path)
         assert result.code == 0
-        assert result.err == "verified: 12 frames in 3 GOPs are sound\n"
+        assert result.err == "verified: 12 frames in 3 GOPs, all sound\n"
 
     def test_damaged_fails(self, cli: Runner, path: Path) -> None:
         data = bytearray(path.read_bytes())

@@ -46,12 +46,13 @@ class Runner:
         return Result(code, output.out, output.err)
 
     def fails(self, code: int, name: str, *args: str | Path) -> str:
-        """Run a command that must fail with one line on stderr; return that line."""
+        """Run a command that must fail with one line, after any progress; return that line."""
         result = self(name, *args)
         assert result.code == code, result
         assert result.out == ""
         assert "Traceback" not in result.err
-        (line,) = result.err.splitlines()
+        *progress, line = result.err.splitlines()
+        assert not [each for each in progress if "error" in each or "warning" in each]
         assert line.startswith(f"{name}: error: ")
         return line.removeprefix(f"{name}: error: ")
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
 
 import pytest
 
@@ -19,10 +21,23 @@ class Film:
     gops: list[range]
     chains: list[Chain]
     complete: bool = True
+    durations: list[int] = field(default_factory=lambda: [2] * 12)
 
 
 def done(gop: range, psnr: float) -> EncodedGop:
-    return EncodedGop(frames=gop, psnr=psnr, float_psnr=psnr, seconds=1.0)
+    payload = bytes(10 * len(gop))
+    return EncodedGop(frames=gop, psnr=psnr, float_psnr=psnr, seconds=1.0, payload=payload)
+
+
+def meter_of(
+    film: Film,
+    checkpoint: Checkpoint,
+    began: float,
+    call: Callable[[Progress], None] | None,
+    expected: int | None = None,
+) -> Meter:
+    """Return a meter; a tick is 1/50 s, and a frame is expected to take 6 s / workers."""
+    return Meter(film, checkpoint, began, call, Fraction(1, 50), expected, lambda n: 6 / n)
 
 
 def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,7 +46,8 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         checkpoint.add(done(GOPS[0], 30.0))
         film = Film(GOPS[:2], [GOPS[:2]], complete=False)
-        meter = Meter(film, checkpoint, 90.0, calls.append, 11, lambda: 3)
+        meter = meter_of(film, checkpoint, 90.0, calls.append, 11)
+        meter.workers = lambda: 3
         meter.report()
         film.gops, film.chains, film.complete = GOPS, [GOPS[:2], GOPS[2:]], True
         checkpoint.add(done(GOPS[2], 36.0))
@@ -50,14 +66,15 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [call.psnr for call in calls] == [30.0, 32.0, 32.5]
     # What was there before says nothing about the pace.
     assert [call.seconds_per_frame for call in calls] == [None, 5.0, 2.5]
-    assert [call.eta_seconds for call in calls] == [None, 30.0, 0.0]
+    assert [call.eta_seconds for call in calls] == [42.0, 30.0, 0.0]
+    assert {call.bitrate for call in calls} == {8 * 10 * 25.0}
 
 
 def test_a_film_of_unknown_length_has_no_eta() -> None:
     calls = list[Progress]()
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
         film = Film(GOPS[:2], [GOPS[:2]], complete=False)
-        meter = Meter(film, checkpoint, 0.0, calls.append)
+        meter = meter_of(film, checkpoint, 0.0, calls.append)
         checkpoint.add(done(GOPS[0], 30.0))
         meter.report()
         film.complete = True
@@ -69,4 +86,14 @@ def test_a_film_of_unknown_length_has_no_eta() -> None:
 
 def test_nobody_wants_to_know() -> None:
     with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
-        Meter(Film(GOPS, [GOPS]), checkpoint, 0.0, None).report()
+        meter_of(Film(GOPS, [GOPS]), checkpoint, 0.0, None).report()
+
+
+def test_before_any_gop_is_known() -> None:
+    calls = list[Progress]()
+    with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
+        film = Film([], [], complete=False, durations=[2] * 3)
+        meter_of(film, checkpoint, 0.0, calls.append, 12).report("analysing")
+    (call,) = calls
+    assert (call.phase, call.frames_analysed, call.frames) == ("analysing", 3, 12)
+    assert (call.psnr, call.bitrate, call.eta_seconds) == (None, None, 72.0)

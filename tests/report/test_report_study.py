@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -30,6 +31,7 @@ from gsvrcodec.video.elementary import (
     ycbcr_frames,
 )
 from tests import making
+from tests.cli.tools import Runner
 
 CODECS = ("x264", "x265", "svtav1")
 
@@ -286,3 +288,15 @@ class TestPlot:
     def test_other_format_fails(self, noisy: Study, tmp_path: Path) -> None:
         with pytest.raises(UsageError, match=r"\.png, \.svg, \.pdf"):
             plot(noisy, tmp_path / "plot.txt")
+
+    def test_without_matplotlib_nothing_is_measured(
+        self,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        monkeypatch.setitem(sys.modules, "matplotlib", None)
+        monkeypatch.setattr("gsvrcodec.report.study.report", None)
+        path = making.gsvr_file(tmp_path / "a.gsvr")
+        args = (making.NOISE, path, "--plot", tmp_path / "plot.png")
+        assert "pip install matplotlib" in Runner(capsys).fails(2, "gsvrreport", *args)
