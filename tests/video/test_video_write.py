@@ -249,7 +249,7 @@ class TestChoice:
         with pytest.raises(UsageError, match="choose from mp4, mkv, y4m, png, md5, null"):
             muxer_of("a.mp4", "avi")
 
-    @pytest.mark.parametrize("muxer", ["mp4", "mkv", "png"])
+    @pytest.mark.parametrize("muxer", ["mp4", "png"])
     def test_standard_output_needs_a_stream(self, muxer: str) -> None:
         with pytest.raises(UsageError, match="name a file"):
             muxer_of("-", muxer)
