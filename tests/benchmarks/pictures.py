@@ -1,9 +1,9 @@
 """Pictures beside x264's: `python -m tests.benchmarks.pictures SOURCE FILE.gsvr --out DIR`.
 
-x264 (medium, a key frame every 12) encodes the same frames with the bits of the file. Three kinds
-of PNG show source, file and x264: one whole frame; the same frame's crops, doubled; and each crop
-over time, across GOPs. Without `--crop` the window is taken where most of it moves
-(`tests.benchmarks.moving`), without `--frame` the frame in which it moves most.
+x264 (medium, with a key frame every 12, or as `--key` says) encodes the same frames with the bits
+of the file. Three kinds of PNG show source, file and x264: one whole frame; the same frame's crops,
+doubled; and each crop over time, across GOPs. Without `--crop` the window is taken where most of it
+moves (`tests.benchmarks.moving`), without `--frame` the frame in which it moves most.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from tests.benchmarks import x264
 from tests.benchmarks.footage import read
 from tests.benchmarks.moving import difference, median_picture, moving
 
+#: Frames from one key frame of x264 to the next; 0 = as it likes.
 KEY = 12
 #: Largest window that is chosen without `--crop`, pixels.
 WINDOW = (320, 180)
@@ -226,7 +227,10 @@ def windows(crops: Iterable[Crop], width: int, height: int) -> list[Window]:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Directory.")
 @click.option("--frame", type=click.IntRange(min=0), help="Of the file, from 0.")
 @click.option("--crop", "crops", multiple=True, type=crop_value, help="W:H:X:Y, several times.")
-def main(source: Path, file: Path, out: Path, frame: int | None, crops: tuple[Any, ...]) -> None:
+@click.option("--key", default=KEY, help="Frames between key frames of x264; 0 = its default.")
+def main(
+    source: Path, file: Path, out: Path, frame: int | None, crops: tuple[Any, ...], key: int
+) -> None:
     """Show FILE, its SOURCE and x264 side by side."""
     footage, own = read(source, file)
     size = footage.info.width, footage.info.height
@@ -241,11 +245,11 @@ def main(source: Path, file: Path, out: Path, frame: int | None, crops: tuple[An
         parts = parts or [window]
         frame = busy if frame is None else frame
     with tempfile.TemporaryDirectory() as folder:
-        other = x264.match(footage, Path(folder) / "x264.mp4", KEY, own.bpp, "bpp")
+        other = x264.match(footage, Path(folder) / "x264.mp4", key or None, own.bpp, "bpp")
         versions = [
             Version("source", None, footage.pictures),
             Version("gsvrcodec", own.bpp, tuple(own.pictures())),
-            Version(x264.label(KEY), other.bpp, tuple(other.pictures())),
+            Version(x264.label(key or None), other.bpp, tuple(other.pictures())),
         ]
     starts = [gop.first_frame for gop in inspect(file).gops]
     whole = Window(0, 0, *size)
