@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import av
 import numpy as np
+from av.video.reformatter import ColorRange
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.video.colour import Rgb, to_rgb, to_ycbcr, ycbcr_format
@@ -157,15 +158,19 @@ def has_own_samples(video: VideoReader) -> bool:
 
 
 def _cut(frame: av.VideoFrame, info: VideoInfo) -> av.VideoFrame:
-    """Return the cropped part of a 4:2:0 frame, with its colour tags."""
+    """Return the cropped part of a 4:2:0 frame, with its colour tags.
+
+    FFmpeg's old name of full range, yuvj420p, is not one that every encoder takes.
+    """
     parts = []
     for plane, factor in zip(frame.planes, (1, 2, 2), strict=True):
         samples = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
         y, x = info.crop_y // factor, info.crop_x // factor
         part = samples[y : y + info.height // factor, x : x + info.width // factor]
         parts.append(part.reshape(-1))
-    cut = av.VideoFrame.from_ndarray(
-        np.concatenate(parts).reshape(-1, info.width), format=frame.format.name
-    )
-    cut.colorspace, cut.color_range = frame.colorspace, frame.color_range
+    samples = np.concatenate(parts).reshape(-1, info.width)
+    cut = av.VideoFrame.from_ndarray(samples, format="yuv420p")
+    full = frame.format.name == "yuvj420p"
+    cut.colorspace = frame.colorspace
+    cut.color_range = ColorRange.JPEG if full else frame.color_range
     return cut

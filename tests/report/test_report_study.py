@@ -12,8 +12,10 @@ from math import log10
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import pytest
+from av.video.reformatter import ColorRange
 
 from gsvrcodec.errors import UsageError
 from gsvrcodec.metrics import psnr
@@ -154,6 +156,22 @@ class TestSourceFrames:
     def test_the_source_itself_is_the_better_input(self) -> None:
         own, ours = (curve_of(f"x264{text}", crfs=[16]).points[0] for text in ("", ":input=rgb"))
         assert own.quality.psnr_rgb > ours.quality.psnr_rgb + 0.3
+
+    @pytest.mark.parametrize("name", CODECS)
+    def test_full_range_of_the_old_name(self, name: str, tmp_path: Path) -> None:
+        """JPEG and H.264 of phones decode to yuvj420p, which SVT-AV1 does not take."""
+        source = tmp_path / "full.mkv"
+        with open_video(making.NOISE, frames=2) as video, av.open(str(source), "w") as file:
+            stream = file.add_stream("mjpeg", rate=25, options={"qmin": "1", "qscale": "1"})
+            assert isinstance(stream, av.VideoStream)
+            stream.width, stream.height = video.info.width, video.info.height
+            stream.pix_fmt = "yuvj420p"
+            for frame in video.frames():
+                full = frame.reformat(format="yuvj420p", dst_color_range=ColorRange.JPEG)
+                file.mux(stream.encode(full))
+            file.mux(stream.encode(None))
+        curve = curve_of(name, source, frames=2, crfs=[10])
+        assert curve.points[0].quality.psnr_rgb > 35
 
     @pytest.mark.parametrize(
         ("source", "options"),
