@@ -79,7 +79,7 @@ def __getattr__(name: str) -> Any:
         except ModuleNotFoundError as error:
             raise ModuleNotFoundError(
                 f"`gsvrcodec.{name}` needs {error.name}, which gsvrcodec-decoder comes without: "
-                "pip install gsvrcodec instead",
+                "install gsvrcodec in its place",
                 name=error.name,
             ) from error
     elif name == "errors":

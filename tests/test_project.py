@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -31,9 +32,10 @@ COMMANDS = {
 }
 
 
-def blocks(language: str) -> list[str]:
-    """Return the code blocks of one language in the README."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def blocks(language: str, page: str = "README.md") -> list[str]:
+    """Return the code blocks of one language in a page."""
+    text = (ROOT / page).read_text("utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def options(command: click.Command) -> set[str]:
@@ -42,20 +44,54 @@ def options(command: click.Command) -> set[str]:
     return {spelling for both in spellings for spelling in both} | {"--help"}
 
 
-def test_python_example_runs(tmp_path: Path) -> None:
-    (example,) = blocks("python")
+@pytest.mark.parametrize(
+    ("page", "printed", "made"),
+    [
+        ("README.md", r"\(720, 1280, 3\)\ntorch.Size\(\[2, 8, 3, 128, 128\]\)", {"bunny.gsvr"}),
+        (
+            "docs/python.md",
+            r"320 180 24\n(.*\n)+epoch 1: 0\.\d+",
+            {"bunny.gsvr", "bunny.mp4", "smooth.mp4"},
+        ),
+    ],
+)
+def test_python_examples_run(page: str, printed: str, made: set[str], tmp_path: Path) -> None:
+    """Those of one page are run one after another, as a reader would."""
     (tmp_path / "samples").symlink_to(making.SAMPLES)
+    example = tmp_path / "example.py"
+    lines = textwrap.indent("\n".join(blocks("python", page)), "    ")
+    example.write_text(f"if __name__ == '__main__':\n{lines}")
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", example],
+        [sys.executable, "-W", "error", example.name],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
     assert run.stderr == ""
-    assert run.stdout.splitlines()[1] == "320 180 24"
-    made = {"bunny.gsvr", "bunny.mp4", "smooth.mp4"}
-    assert {path.name for path in tmp_path.iterdir()} == {"samples", *made}
+    assert re.search(printed, run.stdout), run.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"samples", "example.py", *made}
+
+
+class TestReadme:
+    """It is one page, whose figures were measured."""
+
+    def test_length(self) -> None:
+        before, picture, _ = README.partition("![")
+        assert picture
+        assert len(before.split()) <= 60
+        assert len(README.split()) <= 700
+
+    def test_figures_come_from_the_data(self) -> None:
+        """What is written by `tests.benchmarks.readme`, and code, aside."""
+        prose = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->|```.*?```", "", README, flags=re.DOTALL)
+        prose = re.sub(r"`[^`]*`|\]\([^)]*\)", "", prose)
+        names = r"2D|C\+\+17|Python 3\.11|x26[45]|SVT-AV1|AV1|MP4|Y4M|Apache-2\.0|800\+ FPS|MM '25"
+        assert re.findall(r"\d+", re.sub(names, "", prose)) == ["8", "8"]  # bits a sample
+
+    def test_it_is_not_a_table_of_figures(self) -> None:
+        text = re.sub(r"```(sh|python).*?```", "", README, flags=re.DOTALL)
+        assert len(re.findall(r"(?<![\w.-])[-+]?\d[\d.,x:]*", text)) <= 40
 
 
 def test_commands_parse() -> None:
@@ -70,12 +106,17 @@ def test_commands_parse() -> None:
 def test_options_exist() -> None:
     known = set().union(*(options(command) for command in COMMANDS.values()))
     prose = re.sub(r"--extra-index-url|```.*?```", "", README, flags=re.DOTALL)
-    named = set(re.findall(r"`[^`\n]*?(--[a-z-]+)", prose))
-    assert len(named) > 10
+    guides = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in GUIDES)
+    named = set(re.findall(r"`[^`\n]*?(--[a-z-]+)", prose + guides))
+    assert len(named) > 30
     assert named <= known
 
 
-PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/cluster.md", "docs/tuning.md"]
+GUIDES = ("encoding", "decoding", "player", "limits")
+PAGES = [
+    *(path.name for path in ROOT.glob("*.md")),
+    *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+]
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -83,7 +124,9 @@ def test_links_and_paths_exist(page: str) -> None:
     text = (ROOT / page).read_text("utf-8")
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
     paths = re.findall(r"`((?:gsvrcodec|spec|tests|samples)/[\w./]+)`", text)
-    for path in [*links, *paths]:
+    for link in links:
+        assert ((ROOT / page).parent / link).exists(), link
+    for path in paths:
         assert (ROOT / path).exists(), path
 
 

@@ -200,7 +200,7 @@ def _open_url(url: str) -> Source:
     try:
         from fsspec.core import url_to_fs
     except ImportError as error:
-        raise InputError(f"{url}: URLs need fsspec: pip install 'gsvrcodec[url]'") from error
+        raise InputError(f"{url}: URLs need fsspec: pip install 'fsspec[http]'") from error
     try:
         system, path = url_to_fs(url)
         file = cast(BinaryIO, system.open(path, "rb", cache_type="none"))

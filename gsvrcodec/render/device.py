@@ -43,7 +43,7 @@ def choose_device(device: str) -> str:
 def _missing() -> str:
     """What keeps this machine from rendering on a GPU; empty if nothing does."""
     if find_spec("triton") is None:
-        return "Triton is not installed; pip install 'gsvrcodec[gpu]'"
+        return "Triton is not installed; pip install triton"
     if "CC" not in os.environ and not any(map(shutil.which, ("gcc", "clang"))):
         return "Triton needs a C compiler when it is first used; install gcc or clang"
     import torch

@@ -1,13 +1,20 @@
-"""The tables of the README, from what the benchmarks left: `python -m tests.benchmarks.readme`.
+"""Figures of README and docs, from what the benchmarks left: `python -m tests.benchmarks.readme`.
 
-Each stands between `<!-- NAME -->` and `<!-- /NAME -->`.
+Each table stands between `<!-- NAME -->` and `<!-- /NAME -->`. With `--record` the README's own
+commands are run first, for what they print.
 """
 
 from __future__ import annotations
 
+import re
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from statistics import fmean
+from subprocess import PIPE, STDOUT
+
+import click
 
 from gsvrcodec.report.curve import RateCurve
 from tests.benchmarks.clips import EQUAL_BITS
@@ -23,13 +30,29 @@ from tests.benchmarks.results_read import (
     rows_of,
 )
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
+PAGES = ("README.md", "docs/install.md", "docs/benchmarks.md", "docs/comparison.md")
+
+#: What the README's commands print, and those of its commands that print.
+PRINTED = RESULTS / "first-output.txt"
+_SAMPLE = "samples/bunny_24f_320x180_audio.mp4"
+_FIRST = (
+    ("gsvrenc", "-y", _SAMPLE, "bunny.gsvr"),
+    ("gsvrreport", _SAMPLE, "bunny.gsvr"),
+)
 
 #: Other encoders, as they are named in the data and here.
 _OTHERS = {
     "x264 medium all intra": "x264 medium, all intra",
     "x264 medium key 12": "x264 medium, a key frame every 12",
     "x264 medium": "x264 medium",
+    "x265 medium": "x265 medium",
+    "SVT-AV1 8": "SVT-AV1 preset 8",
+}
+#: Those of the README's table.
+_AGAINST = {
+    "x264 medium": "x264 medium",
+    "x264 medium key 12": "x264, key frame every 12",
     "x265 medium": "x265 medium",
     "SVT-AV1 8": "SVT-AV1 preset 8",
 }
@@ -105,27 +128,123 @@ def _percents(curve: Json) -> tuple[float, float]:
     return curve["bd_rate"]["percent"], curve["bd_rate_ms_ssim"]["percent"]
 
 
+def against(results: dict[str, Json]) -> Iterator[str]:
+    """Yield BD-rates of Bunny and of video that people shoot, and how fast others encode."""
+    (ours,) = our_curves(results).values()
+    bunny = reference_curves(results["bunny-references"])
+    rows = [["Big Buck Bunny", *(_percent(ours, bunny[label]) for label in _AGAINST)]]
+    percents = [
+        [_bd(points, others[label]) for label in _AGAINST] for points, others in _shot(results)
+    ]
+    means = (f"{fmean(column):+.0f}" for column in zip(*percents, strict=True))
+    rows.append([f"{len(percents)} clips that people shot, mean", *means])
+    columns = zip(*percents, strict=True)
+    rows.append(["best and worst", *(f"{min(c):+.0f}, {max(c):+.0f}" for c in columns)])
+    yield from table(["", *_AGAINST.values()], rows)
+    speeds = [
+        fmean(point["encode_fps"] for point in curve["points"])
+        for curve in results["bunny-references"]["curves"]
+        if curve["label"] in _AGAINST
+    ]
+    seconds = next(row for row in rows_of(results, "rate-2s"))["settings"]["time_budget"]
+    yield ""
+    yield (
+        f"Ours took {seconds:g} s a frame of Bunny and 1 s of the others on 2 cores; they encode "
+        f"{min(speeds):.0f} to {max(speeds):.0f} frames a second."
+    )
+
+
+def _shot(
+    results: dict[str, Json],
+) -> Iterator[tuple[list[tuple[float, float]], dict[str, list[tuple[float, float]]]]]:
+    """Yield our points of each clip that people shot, rate and PSNR, and those of the others."""
+    for clip in _CLIPS:
+        others: dict[str, list[tuple[float, float]]] = {}
+        points: list[tuple[float, float]] = []
+        for result in results.values():
+            found = result.get("against", {}).get(f"{clip}, {EQUAL_BITS}")
+            if found:
+                points = [
+                    (row["bpp"], row["psnr"]) for row in result["rows"] if row["clip"] == clip
+                ]
+                others |= reference_curves({"curves": found})
+            elif result.get("source") == clip:
+                others |= reference_curves(result)
+        yield points, others
+
+
+def _bd(ours: list[tuple[float, float]], others: list[tuple[float, float]]) -> float:
+    curves = [RateCurve((psnr, bpp) for bpp, psnr in points) for points in (ours, others)]
+    found = curves[0].bd_rate(curves[1])
+    assert found is not None
+    return found.percent
+
+
+def _percent(ours: list[tuple[float, float]], others: list[tuple[float, float]]) -> str:
+    return f"{_bd(ours, others):+.0f}"
+
+
+def output(results: dict[str, Json]) -> Iterator[str]:
+    """Yield what the README's commands print at their end."""
+    encode, *report = PRINTED.read_text("utf-8").rstrip().split("\n$ ")
+    yield "```text"
+    yield encode.splitlines()[-1]
+    yield from "".join(report).splitlines()[1:]
+    yield "```"
+
+
+def sizes(results: dict[str, Json]) -> Iterator[str]:
+    """Yield time and size of an installation."""
+    rows = [
+        [row["way"], f"{row['seconds']} s", f"{row['megabytes']} MB"]
+        for row in results["install"]["rows"]
+    ]
+    yield from table(["on 2 cores, from packages that are there", "time", "size"], rows)
+
+
 TABLES: Mapping[str, Callable[[dict[str, Json]], Iterator[str]]] = {
     "times": times,
     "rates": rates,
     "clips": clips,
+    "against": against,
+    "output": output,
+    "sizes": sizes,
 }
 
 
 def filled(text: str, results: dict[str, Json]) -> str:
-    """Return the README with its tables as the results have them."""
-    for name, rows in TABLES.items():
+    """Return a page with its tables as the results have them."""
+    for name in re.findall(r"^<!-- (\w+) -->$", text, re.MULTILINE):
         before, begin, rest = text.partition(f"<!-- {name} -->\n")
         _, end, after = rest.partition(f"<!-- /{name} -->")
-        assert begin, name
         assert end, name
-        text = before + begin + "\n".join(rows(results)).rstrip() + "\n" + end + after
+        text = before + begin + "\n".join(TABLES[name](results)).rstrip() + "\n" + end + after
     return text
 
 
-def main() -> None:
-    """Write the README anew."""
-    README.write_text(filled(README.read_text("utf-8"), load(RESULTS)))
+def record() -> None:
+    """Run the README's commands, and keep what they print."""
+    lines = []
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "samples").symlink_to(ROOT / "samples")
+        for words in _FIRST:
+            run = subprocess.run(
+                words, cwd=folder, text=True, check=True, stdout=PIPE, stderr=STDOUT
+            )
+            lines += [f"$ {' '.join(words)}", *run.stdout.splitlines()]
+    PRINTED.write_text("\n".join(lines) + "\n")
+
+
+@click.command()
+@click.option("--record", "anew", is_flag=True, help="Run the README's commands first.")
+def main(anew: bool) -> None:
+    """Write the pages anew."""
+    if anew:
+        record()
+    results = load(RESULTS)
+    for page in PAGES:
+        path = ROOT / page
+        path.write_text(filled(path.read_text("utf-8"), results))
 
 
 if __name__ == "__main__":

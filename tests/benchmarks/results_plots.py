@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,6 +21,8 @@ from tests.benchmarks.results_read import (
     reference_curves,
     rows_of,
 )
+
+_SVG = "http://www.w3.org/2000/svg"
 
 
 def plot_rates(results: dict[str, Json], path: Path) -> None:
@@ -52,6 +58,31 @@ def _axes(xlabel: str) -> tuple[Figure, Axes]:
 
 def _save(figure: Figure, axes: Axes, path: Path) -> None:
     axes.legend(fontsize=8)
+    titles = {}
+    for number, line in enumerate(axes.get_lines()):
+        line.set_gid(f"curve-{number}")
+        points = np.asarray(line.get_xydata()).tolist()
+        label = str(line.get_label())
+        titles[f"curve-{number}"] = [f"{label}: {y:.2f} dB at {x:.4g}" for x, y in points]
+    drawn = io.BytesIO()
     # The same bytes each time, so that only what has changed shows as changed.
     with matplotlib.rc_context({"svg.hashsalt": "gsvrcodec", "svg.fonttype": "none"}):
-        figure.savefig(path, metadata={"Date": None})
+        figure.savefig(drawn, format="svg", metadata={"Date": None})
+    path.write_bytes(titled(drawn.getvalue(), titles))
+
+
+def titled(svg: bytes, titles: Mapping[str, Sequence[str]]) -> bytes:
+    """Return a drawing of matplotlib whose markers say what they are when a mouse is over them.
+
+    Args:
+        svg: The drawing.
+        titles: Of each marker, by the gid of its line.
+    """
+    for prefix, space in (("", _SVG), ("xlink", "http://www.w3.org/1999/xlink")):
+        ElementTree.register_namespace(prefix, space)
+    root = ElementTree.fromstring(svg)
+    for gid, texts in titles.items():
+        markers = root.findall(f".//*[@id='{gid}']//{{{_SVG}}}use")
+        for marker, text in zip(markers, texts, strict=True):
+            ElementTree.SubElement(marker, f"{{{_SVG}}}title").text = text
+    return ElementTree.tostring(root, encoding="unicode").encode() + b"\n"

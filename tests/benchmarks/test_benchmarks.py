@@ -24,7 +24,7 @@ from tests.benchmarks.clips import diverged, summary
 from tests.benchmarks.encodes import MemoryWatch, Row, measure
 from tests.benchmarks.interpolation import interpolate
 from tests.benchmarks.page import PAGE, RESULTS, bd_section, clips_section, page
-from tests.benchmarks.readme import README, filled
+from tests.benchmarks.readme import PAGES, ROOT, filled
 from tests.benchmarks.results_read import load
 
 ROW = Row(
@@ -156,9 +156,11 @@ class TestPage:
         """If this fails: python -m tests.benchmarks.page."""
         assert (PAGE / "README.md").read_text() == page(load(RESULTS))
 
-    def test_the_readme_is_what_the_results_say(self) -> None:
+    @pytest.mark.parametrize("name", PAGES)
+    def test_pages_are_what_the_results_say(self, name: str) -> None:
         """If this fails: python -m tests.benchmarks.readme."""
-        text = README.read_text("utf-8")
+        text = (ROOT / name).read_text("utf-8")
+        assert "<!-- " in text
         assert text == filled(text, load(RESULTS))
 
     def test_rates_are_interpolated(self) -> None:

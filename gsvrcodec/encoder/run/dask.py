@@ -300,9 +300,7 @@ def _connected(address: str) -> tuple[Client, str]:
         import dask
         from distributed import Client
     except ImportError as error:
-        raise ClusterError(
-            "clusters need Dask's `distributed`: pip install 'gsvrcodec[cluster]'"
-        ) from error
+        raise ClusterError("clusters need Dask's `distributed`: pip install distributed") from error
     if address == AUTO:
         address = dask.config.get("scheduler-address", None) or ""
         if not address:
