@@ -22,6 +22,8 @@ _DIGESTED_BYTES = 2**20
 
 def check_input(path: str | os.PathLike[str]) -> Path:
     """Return `path` if the file can be opened; raise `InputError` if not."""
+    if re.match(r"[a-z]{2,}://", os.fspath(path)):
+        raise InputError(f"{path} is a URL: download it, or pipe it in (curl URL | ... -)")
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory, not a file")

@@ -211,7 +211,9 @@ def _open_url(url: str) -> Source:
             return Pipe(cast(BinaryIO, system.open(path, "rb", block_size=0)), url, owned=True)
         return _Remote(file, url)
     except FileNotFoundError as error:
-        raise InputError(f"{url}: no such file") from error
+        cause = error.__cause__  # fsspec says so of every failure of HTTP
+        reason = str(cause) if isinstance(cause, OSError) else "no such file"
+        raise InputError(f"{url}: {reason}") from error
     except Exception as error:  # each library has its own, and few are OSErrors
         raise InputError(f"{url}: {_reason(error)}") from error
 

@@ -25,14 +25,23 @@ class Command(click.Command):
         self._groups = groups or {"Options": ()}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments; say what to do if there are none, or those of another program."""
+        """Parse the arguments; say what to do if there are too few, or those of another program."""
         usage = self.get_usage(ctx).removeprefix("Usage: ").replace("[OPTIONS] ", "")
         if not args and not ctx.resilient_parsing:
             raise click.UsageError(f"usage: {usage}; {self.name} --help lists examples and options")
         hint = habit(str(self.name), args, self.params)
         if hint is not None and not ctx.resilient_parsing:
             raise click.UsageError(hint.format(usage=usage))
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.MissingParameter as error:
+            missing = error.param.make_metavar(ctx) if error.param is not None else "an argument"
+            raise click.UsageError(f"{missing} is missing: {usage}") from error
+        except click.UsageError as error:
+            if not error.message.startswith("Got unexpected extra argument"):
+                raise
+            message = f"{error.message}: {usage}; a name with spaces takes quotes"
+            raise click.UsageError(message) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings, in the order of the command."""

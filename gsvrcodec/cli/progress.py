@@ -97,9 +97,10 @@ class EncodeDisplay(_Display):
         stage = state.phase, state.gop
         new, self._last = stage != self._last, stage
         if state.phase == "analysing":
-            expected = f"/{state.frames}" if state.frames >= state.frames_analysed else ""
+            known = state.frames > 0 and state.frames >= state.frames_analysed
+            expected = f"/{state.frames}" if known else ""
             text = [f"analysing  {state.frames_analysed}{expected} frames"]
-            if state.eta_seconds is not None:
+            if known and state.eta_seconds is not None:
                 text.append(f"ETA about {clock(state.eta_seconds)}")
             self._show(state.frames_analysed, state.frames or None, text, new=new)
         elif state.phase == "verifying":

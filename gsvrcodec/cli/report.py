@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -94,6 +95,7 @@ def command(
     gsvrreport in.mp4 out.gsvr --json report.json --csv frames.csv
     gsvrreport in.mp4 a.gsvr b.gsvr --against x264,svtav1 --plot rd.png
     """
+    from gsvrcodec.bitstream.chunk import SIGNATURE
     from gsvrcodec.cli.progress import FrameDisplay
     from gsvrcodec.files import check_input, check_output
     from gsvrcodec.report.study import study
@@ -104,6 +106,9 @@ def command(
         raise click.UsageError("--csv is for one file; give one, or use --json")
     for path in (source, *coded):
         check_input(path)
+    with Path(source).open("rb") as file:
+        if file.read(len(SIGNATURE)) == SIGNATURE:
+            raise click.UsageError("the source comes first: gsvrreport in.mp4 out.gsvr")
     outputs = {path: False for path in (json_path, csv_path, plot_path) if path not in (None, "-")}
     for path in outputs:
         outputs[path] = may_overwrite(path, overwrite)
@@ -132,8 +137,6 @@ def command(
         text = result.reports[0].to_csv()
         write_text(csv_path, text, overwrite=outputs.get(csv_path, False))
     if plot_path is not None:
-        from pathlib import Path
-
         from gsvrcodec.files import atomic_output
 
         suffix = Path(plot_path).suffix.lower().removeprefix(".")

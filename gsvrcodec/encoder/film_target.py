@@ -187,10 +187,11 @@ class FilmSize(FilmTarget):
         total = self.bytes(size, int(lengths.sum()), seconds, streams) - overhead
         spare = total - RATE.least_gop_bytes * sum(gops)
         if spare < 0:
+            gop = "GOP" if sum(gops) == 1 else "GOPs"
             raise UsageError(
                 f"`{self.argument}={self.value}` leaves {max(0, round(total))} bytes for "
-                f"{sum(gops)} GOPs, which need {RATE.least_gop_bytes} each; raise it, use longer "
-                "GOPs or a smaller picture"
+                f"{sum(gops)} {gop} of at least {RATE.least_gop_bytes}; raise it, use longer GOPs "
+                "or a smaller picture"
             )
         needs = np.array([bpp_at(own, 1.0) for own in stats_of])
         mean = float((needs * lengths).sum()) / int(lengths.sum())
