@@ -99,7 +99,6 @@ def border(count: int) -> NDArray[np.float64]:
 @click.option("--frames", default=50, help="How many.")
 @click.option("--step", default=2, help="Take every one of so many.")
 @click.option("--quality", default=75, help="Of the WebP, up to 100.")
-@click.option("--still", default=0, help="Frame of the picture that does not move.")
 def main(
     path: Path,
     out: Path,
@@ -108,22 +107,18 @@ def main(
     frames: int,
     step: int,
     quality: int,
-    still: int,
 ) -> None:
-    """Write ellipses.webp, which moves, and ellipses.png, half film and half ellipses."""
+    """Write ellipses.webp."""
     with gsvrcodec.open(path, size=(width, -2)) as decoder:
         rate = decoder.metadata.average_rate
         size, coded = decoder.size, decoder.metadata.width
         film = decoder[start : start + step * frames : step].data.astype(np.uint8)
-        half = decoder[still].data.astype(np.uint8)
     found = [look for _, look in moments(path)]
     pictures = []
     for number, place in enumerate(border(frames)):
         ellipses = _ellipses(found[start + step * number], film[number], size, coded)
         pictures.append(_beside(ellipses, film[number], place))
     _write(out / "ellipses.webp", pictures, rate / step, quality)
-    picture = _beside(_ellipses(found[still], half, size, coded), half, 0.5)
-    cv2.imwrite(str(out / "ellipses.png"), picture[:, :, ::-1])
     print(
         f"{(out / 'ellipses.webp').stat().st_size:,} bytes, {len(found[start].position)} Gaussians"
     )

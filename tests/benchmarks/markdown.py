@@ -25,9 +25,10 @@ def origin_of(name: str, result: dict[str, Any]) -> str:
     command = result.get("command", "python -m tests.benchmarks.bunny")
     load = f", load {result['load']:.1f}" if "load" in result else ""
     link = f"[{name}.json](../../tests/benchmarks/results/{name}.json)"
-    # Results without a version are older than pictures that are weighted means.
-    version = f"bitstream {result['bitstream']}" if "bitstream" in result else "**sums**"
-    return f"`{command}` on {result['machine']}{load}, {version}; {link}."
+    # Results of ours without a version are older than pictures that are weighted means.
+    version = f", bitstream {result['bitstream']}" if "bitstream" in result else ", **sums**"
+    version *= "curves" not in result  # of others alone
+    return f"`{command}` on {result['machine']}{load}{version}; {link}."
 
 
 def settings_text(row: dict[str, Any]) -> str:
