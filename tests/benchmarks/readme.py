@@ -147,7 +147,6 @@ def against(results: dict[str, Json]) -> Iterator[str]:
         if curve["label"] in _AGAINST
     ]
     seconds = next(row for row in rows_of(results, "rate-2s"))["settings"]["time_budget"]
-    yield ""
     yield (
         f"Ours took {seconds:g} s a frame of Bunny and 1 s of the others on 2 cores; they encode "
         f"{min(speeds):.0f} to {max(speeds):.0f} frames a second."
@@ -189,7 +188,7 @@ def output(results: dict[str, Json]) -> Iterator[str]:
     encode, *report = PRINTED.read_text("utf-8").rstrip().split("\n$ ")
     yield "```text"
     yield encode.splitlines()[-1]
-    yield from "".join(report).splitlines()[1:]
+    yield from (line for line in "".join(report).splitlines() if line.startswith(("PSNR", "dec")))
     yield "```"
 
 

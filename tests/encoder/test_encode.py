@@ -151,13 +151,19 @@ class TestProgress:
     def test_is_called_before_the_first_gop_and_after_each(self, tmp_path: Path) -> None:
         calls: list[Progress] = []
         result = quick(making.NOISE, tmp_path / "a.gsvr", gop=8, progress=calls.append)
-        assert [(call.gop, call.gops) for call in calls] == [(n, 3) for n in range(4)]
-        assert [call.frames_done for call in calls] == [0, 8, 16, 20]
+        assert (calls[0].phase, calls[0].gops) == ("analysing", 0)
+        assert calls[0].psnr is calls[0].seconds_per_frame is calls[0].bitrate is None
         assert {call.frames for call in calls} == {20}
-        assert calls[0].psnr is calls[0].seconds_per_frame is calls[0].eta_seconds is None
+        fitting = {call.gop: call for call in calls if call.phase == "fitting"}
+        assert [(n, call.gops) for n, call in fitting.items()] == [(n, 3) for n in range(4)]
+        assert [call.frames_done for call in fitting.values()] == [0, 8, 16, 20]
+        assert all(fitting[n].seconds_per_frame for n in range(1, 4))
         assert calls[-1].psnr == pytest.approx(result.psnr)
         assert calls[-1].eta_seconds == 0
-        assert all(call.seconds_per_frame for call in calls[1:])
+        seconds = 20 / 15  # of the film, whose file has more than its GOPs
+        gops = sum(gop.bytes for gop in result.gop_stats)
+        assert calls[-1].bitrate == pytest.approx(8 * gops / seconds)
+        assert result.bitrate == pytest.approx(8 * result.bytes / seconds)
 
     def test_an_interrupted_encode_leaves_its_parts(self, tmp_path: Path) -> None:
         def interrupt(state: Progress) -> None:

@@ -92,7 +92,7 @@ class TestChains:
         assert grids == [(32, 18, 20), (16, 9, 20)]
 
     def test_too_little_for_the_gops_of_a_chain_fails(self) -> None:
-        with pytest.raises(UsageError, match=r"for 5 GOPs, which need \d+ each"):
+        with pytest.raises(UsageError, match=r"for 5 GOPs of at least \d+;"):
             self.plan([16] * 5, target_size=5000)
 
 
@@ -170,7 +170,7 @@ class TestPlan:
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
-            ({"bpp": 1e-5}, "`bpp=1e-05` leaves 0 bytes for 1 GOPs"),
+            ({"bpp": 1e-5}, "`bpp=1e-05` leaves 0 bytes for 1 GOP of"),
             ({"bitrate": 9000}, "`bitrate=9000` leaves 1250 bytes"),
             ({"target_size": 2000}, "`target_size=2000` leaves 1000 bytes"),
         ],
