@@ -73,8 +73,9 @@ class TestWhatDies:
                 **SETTINGS,
             )
         assert (tmp_path / "a.gsvr").read_bytes() == whole
-        assert {call.workers for call in calls} == {3}
-        assert (calls[0].chains_done, calls[-1].chains_done) == (0, calls[0].chains)
+        fitting = [call for call in calls if call.phase == "fitting"]
+        assert {call.workers for call in fitting} == {3}
+        assert (fitting[0].chains_done, fitting[-1].chains_done) == (0, fitting[0].chains)
 
     def test_a_worker(self, three: Machines, whole: bytes, tmp_path: Path) -> None:
         killed: list[int] = []
@@ -103,7 +104,7 @@ class TestWhatDies:
         )
         err = process.communicate(timeout=120)[1].decode()
         assert process.returncode == 0, err
-        assert f"chains, {len(three.workers) - 1} workers" in err.splitlines()[0]
+        assert f"chains, {len(three.workers) - 1} workers" in err
         assert (tmp_path / "a.gsvr").read_bytes() == whole
 
     def test_the_scheduler(self, three: Machines, whole: bytes, tmp_path: Path) -> None:
@@ -114,12 +115,12 @@ class TestWhatDies:
         )
         assert process.stderr is not None
         for line in process.stderr:
-            if line.startswith(b"GOP 1/"):
+            if b"GOP 1/" in line:
                 three.scheduler.kill()
                 break
         err = process.communicate(timeout=60)[1].decode()
         assert process.returncode == 1
-        lines = [line for line in err.splitlines() if not line.startswith("GOP ")]
+        lines = [line for line in err.splitlines() if "GOP " not in line or "error" in line]
         assert re.fullmatch(
             r"gsvrenc: error: the scheduler at tcp://\S+ was lost; \d+ finished GOPs? (is|are) "
             r"kept in .*\.part, --resume goes on from there",
@@ -195,8 +196,8 @@ class TestRefused:
     def test_other_kernels_are_a_warning(self, caplog: pytest.LogCaptureFixture) -> None:
         assert cluster.fault("x", versions()) is None
         assert not caplog.records
-        assert cluster.fault("x", versions() | {"native core": "avx2"}) is None
-        assert "a worker has native core avx2, not" in caplog.text
+        assert cluster.fault("x", versions() | {"native core": "none"}) is None
+        assert "a worker has native core none, not" in caplog.text
         assert cluster.fault("x", OSError("why")) is not None
 
     def test_other_work(self) -> None:
