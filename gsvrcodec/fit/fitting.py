@@ -119,7 +119,7 @@ def fit_gop(
     """
     began = time.perf_counter()
     rng = np.random.default_rng(seed)
-    flow = None if options.deform == "triplane" else flow_estimator(options.flow)
+    flow = None if options.deform == "triplane" else flow_estimator(options.flow, near=True)
     start = content_aware(footage, gaussians, grid, flow, rng, backend)
     parameters = Parameters(start, options.deform, backend, footage.background)
     effort, tuning = allowance.split(tune=options.tune, least_steps=EFFORT.least_steps, began=began)

@@ -29,28 +29,43 @@ def resize(image: Image, height: int) -> Image:
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def flow_estimator(kind: Flow) -> FlowEstimator:
+def flow_estimator(kind: Flow, *, near: bool = False) -> FlowEstimator:
     """Make an estimator: "dis" is OpenCV's, "raft" needs torchvision.
+
+    Args:
+        kind: which one.
+        near: let "dis" follow small and fast things as near as it can in the same time, for the
+            motion that Gaussians begin with. Otherwise its field is smooth, by which the thresholds
+            of the analysis were found.
 
     Raises:
         UsageError: torchvision is not installed.
     """
-    return _raft() if kind == "raft" else _dis()
+    return _raft() if kind == "raft" else _dis(near)
 
 
 # DIS needs a few of its patches across the frame; smaller frames count as still.
 _DIS_MIN_SIDE = 32
 
 
-def _dis() -> FlowEstimator:
+def _dis(near: bool) -> FlowEstimator:
     estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    if near:
+        estimator.setFinestScale(TRACKS.finest_scale)
+        estimator.setGradientDescentIterations(TRACKS.descents)
+        estimator.setVariationalRefinementIterations(0)
 
     def estimate(first: Image, second: Image) -> FlowField:
         if min(first.shape[:2]) < _DIS_MIN_SIDE:
             return np.zeros((*first.shape[:2], 2), np.float32)
         grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (first, second)]
         initial = np.zeros((*first.shape[:2], 2), np.float32)
-        return np.asarray(estimator.calc(grey[0], grey[1], initial), np.float32)
+        flow = np.asarray(estimator.calc(grey[0], grey[1], initial), np.float32)
+        if not near:
+            return flow
+        # What is wrong by itself goes, edges of what moves stay.
+        smooth = [cv2.medianBlur(part, TRACKS.median_px) for part in cv2.split(flow)]
+        return np.asarray(cv2.merge(smooth), np.float32)
 
     return estimate
 

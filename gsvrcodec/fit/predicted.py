@@ -186,7 +186,7 @@ def _start(
     count, look = len(anchor.source), anchor.look
     linear, quadratic = np.zeros((2, count, 2), np.float32)
     if count and options.deform != "triplane" and len(footage.frames) > 1:
-        tracker = Tracker([before, *footage.frames], flow_estimator(options.flow))
+        tracker = Tracker([before, *footage.frames], flow_estimator(options.flow, near=True))
         inside = np.clip((look.position + 1) / 2, 0, 1 - 1e-6).astype(np.float32)
         taus = np.concatenate([np.array([anchor.start], np.float32), footage.taus])
         linear, quadratic = tracker.motion(taus, 0, inside)

@@ -51,6 +51,9 @@ class _Tracks:
     """Points followed by optical flow."""
 
     flow_height: int = 480  #: most rows of the frames that flow is estimated between
+    finest_scale: int = 1  #: halvings of these frames that DIS still looks at
+    descents: int = 12  #: steps of DIS for each of its patches
+    median_px: int = 5  #: side of the median of its field, pixels
     #: a step is doubted when the way there and back misses by more than either of these
     miss_px2: float = 0.5  #: squared miss, px^2
     miss_share: float = 0.01  #: squared miss / squared lengths of both ways
@@ -98,7 +101,7 @@ class _Prediction:
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
     #: a GOP is not predicted if its start is below `lost`, and so much below its reference
-    lost: float = 19.0  #: PSNR, dB
+    lost: float = 20.0  #: PSNR, dB
     lost_fall: float = 8.0  #: dB
 
 

@@ -14,10 +14,11 @@ from tests.fit.synthetic import moving_texture
 
 
 class TestDis:
+    @pytest.mark.parametrize("near", [False, True])
     @pytest.mark.parametrize("step", [(0, 0), (3, 0), (0, -2), (-4, 5)])
-    def test_translation_is_recovered(self, step: tuple[int, int]) -> None:
+    def test_translation_is_recovered(self, step: tuple[int, int], near: bool) -> None:
         first, second = moving_texture(2, step)
-        flow = flow_estimator("dis")(first, second)
+        flow = flow_estimator("dis", near=near)(first, second)
         assert flow.shape == (120, 160, 2)
         assert flow.dtype == np.float32
         inside = flow[16:-16, 16:-16].reshape(-1, 2)
@@ -30,6 +31,18 @@ class TestDis:
         flow = flow_estimator("dis")(first, second)
         assert flow.shape == (size[1], size[0], 2)
         assert np.isfinite(flow).all()
+
+    def test_something_small_and_fast_is_followed_nearly(self) -> None:
+        """A patch of texture goes over another that stands, as hands do over a table."""
+        ground, patch = moving_texture(2, (0, 0), (320, 240))[0], moving_texture(2, (0, 0))[1]
+        frames = np.stack([ground, ground])
+        frames[0, 100:140, 100:140] = patch[20:60, 20:60]
+        frames[1, 103:143, 109:149] = patch[20:60, 20:60]
+        misses = [
+            np.abs(flow_estimator("dis", near=near)(*frames)[104:136, 104:136] - (9, 3)).mean()
+            for near in (False, True)
+        ]
+        assert misses[1] < 0.6 * misses[0]
 
     def test_an_estimator_keeps_nothing_from_call_to_call(self) -> None:
         first, second = moving_texture(2, (2, 1))
