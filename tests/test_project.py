@@ -48,10 +48,11 @@ def options(command: click.Command) -> set[str]:
     ("page", "printed", "made"),
     [
         ("README.md", r"\(720, 1280, 3\)\ntorch.Size\(\[2, 8, 3, 128, 128\]\)", {"bunny.gsvr"}),
-        (
+        pytest.param(
             "docs/python.md",
             r"320 180 24\n(.*\n)+epoch 1: 0\.\d+",
             {"bunny.gsvr", "bunny.mp4", "smooth.mp4"},
+            marks=pytest.mark.slow,
         ),
     ],
 )
