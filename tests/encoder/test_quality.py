@@ -8,6 +8,8 @@ import pytest
 
 from tests.encoder import quality
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_encode_has_figures() -> None:
     assert quality.committed().keys() == quality.ENCODES.keys()
