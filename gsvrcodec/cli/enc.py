@@ -330,7 +330,7 @@ def command(
     if not is_pipe(source):
         with open_video(source, **request.reading) as video:
             if as_json is None and not (quiet or progress == "none"):
-                click.echo(_described(source, video), err=True)
+                click.echo(_described(source, video, chosen), err=True)
 
     with shown as display:
         display.loading()
@@ -365,12 +365,14 @@ def command(
         )
 
 
-def _described(source: str, video: VideoReader) -> str:
-    """Return what is known of a video before it is read."""
-    info = video.info
+def _described(source: str, video: VideoReader, settings: EncodeSettings) -> str:
+    """Return what is known of a video before it is read, and about how long its encode takes."""
+    info, frames = video.info, video.expected_frames
     parts = [f"{source}: {info.width}x{info.height}"]
     if info.average_rate is not None:
         parts.append(f"{float(info.average_rate):.4g} fps")
-    if video.expected_frames is not None:
-        parts.append(f"{video.expected_frames} frames")
-    return ", ".join([*parts, info.codec])
+    parts.append(info.codec)
+    if frames is not None:
+        pace = settings.expected_pace(info.width * info.height, settings.workers)
+        parts += [f"{frames} frames", f"about {clock(pace * frames)}"]
+    return ", ".join(parts)

@@ -27,7 +27,6 @@ _HINTS = {
         "-vf": "--crop, --deinterlace and --ss do the most; for other filters pipe ffmpeg into "
         "gsvrenc, see --help",
         "-vframes": "write --frames",
-        "-frames": "write --frames",
         "-an": "write --no-audio",
         "-sn": "write --no-subtitles",
         "-g": "write --gop for the length of GOPs, --keyint for the time between key GOPs",
@@ -45,7 +44,6 @@ _HINTS = {
         "-vf": "--size, --fps and --layers do the most; for filters pipe gsvrdec into ffmpeg, "
         "see --help",
         "-vframes": "write --frames",
-        "-frames": "write --frames",
         "-preset": "write --codec-preset",
         "-f": "write --muxer",
         "-pix_fmt": "write --bit-depth",

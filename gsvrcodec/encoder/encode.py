@@ -35,7 +35,7 @@ from gsvrcodec.encoder.request import Request, checked
 from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
-from gsvrcodec.encoder.run.local import Processes, expected_pace
+from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
@@ -146,7 +146,7 @@ def encode(
         Lookahead(video, chosen, checkpoint, checksums=shared_source) as lookahead,
     ):
         size = video.info.width, video.info.height
-        pace, tick = partial(expected_pace, chosen, size[0] * size[1]), video.info.time_base
+        pace, tick = partial(chosen.expected_pace, size[0] * size[1]), video.info.time_base
         meter = Meter(lookahead, checkpoint, began, progress, tick, video.expected_frames, pace)
         lookahead.waiting = partial(meter.report, "analysing")
         lookahead.waiting()

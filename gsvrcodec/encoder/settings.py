@@ -26,6 +26,7 @@ from gsvrcodec.encoder.film_target import (
     Numbers,
 )
 from gsvrcodec.encoder.rate import qscale_of
+from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.recipe import Deform, FitOptions, Flow, Profile
 from gsvrcodec.fit.tuned import EFFORT
@@ -231,6 +232,11 @@ class EncodeSettings:
         if self.quality is None:
             return visits
         return visits * max(1.0, 1 / qscale_of(self.quality))
+
+    def expected_pace(self, pixels: int, workers: int = 1) -> float:
+        """Return the wall time that a frame of so many pixels is expected to take, seconds."""
+        on_two_cores = PROCESSES.step_seconds * self.frame_visits * pixels
+        return self.time_budget or on_two_cores / max(1.0, workers / 2)
 
     @property
     def _sizes(self) -> list[str]:

@@ -55,7 +55,7 @@ def test_small_encode(cli: Runner, tmp_path: Path) -> None:
     assert result.out == ""
     assert "GOP 1/2  2/4 frames" in result.err
     first, *_, last = result.err.splitlines()
-    assert first == f"{making.NOISE}: 64x48, 15 fps, 4 frames, h264"
+    assert first == f"{making.NOISE}: 64x48, 15 fps, h264, 4 frames, about 0:00"
     assert f"{target}: 4 frames, {target.stat().st_size:,} bytes" in last
     with gsvrcodec.open(target) as decoder:
         assert decoder[0].data.shape == (48, 64, 3)

@@ -19,6 +19,7 @@ from typing import Any
 import click
 
 import gsvrcodec
+from gsvrcodec.native import _core
 from tests import making
 from tests.benchmarks.machine import commit, machine
 
@@ -29,8 +30,10 @@ PSNR_BOUND = 0.3
 #: Part of the bytes by which it may. Kernels of another instruction set round otherwise, which
 #: changes as much as another seed does: the bytes of one encode by 1.5 % (standard deviation), by
 #: 5 % where a quality is to be met.
-BYTES_BOUND: Mapping[str, float] = {"parameters": 0.03, "size": 0.03, "quality": 0.1, "crf": 0.04}
+BYTES_BOUND: Mapping[str, float] = {"parameters": 0.03, "size": 0.03, "quality": 0.1, "crf": 0.03}
 SEEDS = (0, 1, 2)
+#: Instruction set of the kernels, which most machines have: another gave 3 % other bytes.
+ISA = "avx2"
 
 #: Each way that rate control goes.
 ENCODES: Mapping[str, tuple[Path, dict[str, Any]]] = {
@@ -50,8 +53,10 @@ class Figures:
 
 
 def encoded(name: str, folder: Path) -> Figures:
-    """Encode one of `ENCODES` into a folder."""
+    """Encode one of `ENCODES` into a folder, with the kernels that the figures are of."""
     source, settings = ENCODES[name]
+    before = _core.isa()
+    _core.use_isa(ISA if ISA in _core.isas() else before)
     results = [
         gsvrcodec.encode(
             source,
@@ -65,6 +70,7 @@ def encoded(name: str, folder: Path) -> Figures:
         )
         for seed in SEEDS
     ]
+    _core.use_isa(before)
     psnr, size = fmean(one.psnr for one in results), fmean(one.bytes for one in results)
     return Figures(round(psnr, 3), round(size))
 

@@ -32,12 +32,6 @@ from gsvrcodec.video import VideoInfo
 from gsvrcodec.video.timing import DEFAULT_RATE
 
 
-def expected_pace(settings: EncodeSettings, pixels: int, workers: int = 1) -> float:
-    """Return the wall time that a frame of so many pixels is expected to take, seconds."""
-    on_two_cores = PROCESSES.step_seconds * settings.frame_visits * pixels
-    return settings.time_budget or on_two_cores / max(1.0, workers / 2)
-
-
 @dataclass(frozen=True, slots=True)
 class Processes:
     """Does tasks in processes of this machine; a `Runner`."""
@@ -56,7 +50,7 @@ class Processes:
     ) -> Self:
         """Return as many as have work; waits until the analysis knows of enough, or of the end."""
         pixels = info.width * info.height
-        pace = expected_pace(settings, pixels)
+        pace = settings.expected_pace(pixels)
         execution = settings.execution
         # One process keeps a GPU busy.
         wanted = execution.workers or int(execution.device != "cpu")
