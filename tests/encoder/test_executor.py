@@ -111,7 +111,8 @@ class TestProcesses:
             if state.phase == "fitting" and not state.gop:
                 source.write_bytes(making.BUNNY_SMALL.read_bytes())
 
-        with pytest.raises(InputError, match=r"in\.mp4 has other pictures at 0\.00 s"):
+        # Two chains begin at the same time; either may be the first to see it.
+        with pytest.raises(InputError, match=r"in\.mp4 has other pictures at 0\.(00|48) s"):
             gsvrcodec.encode(
                 source,
                 tmp_path / "a.gsvr",
