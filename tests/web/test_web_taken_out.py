@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.web.conftest import Site
-from tests.web.driving import at_rest, facts, moment, opened, seek, until
+from tests.web.driving import at_rest, facts, opened, seek, shows, until
 from tests.web.films import FLIGHT_FRAMES, FLIGHT_SIZE, flight
 
 pytestmark = pytest.mark.slow
@@ -38,8 +38,7 @@ def start(page: Any, site: Site, name: str) -> None:
 def picture(page: Any, time: float) -> NDArray[np.int_]:
     """The picture at a time, counted in frames."""
     seek(page, time / (3 * FLIGHT_FRAMES))
-    until(lambda: moment(page)[0] == int(time / FLIGHT_FRAMES))
-    page.wait_for_timeout(100)
+    shows(page, divmod(int(time), FLIGHT_FRAMES))
     return at_rest(page).astype(int)
 
 
@@ -71,6 +70,7 @@ def test_the_ground_shows_in_all_gops(page: Any, site: Site, plain: list[NDArray
     order = (*range(len(TIMES)), *reversed(range(len(TIMES))))
     assert max(most(picture(page, TIMES[n]), plain[n]) for n in order) <= 1
     page.keyboard.press("Escape")
+    until(lambda: most(at_rest(page).astype(int), before[0]) == 0)
     assert max(most(picture(page, TIMES[n]), before[n]) for n in order) == 0
 
 
