@@ -33,7 +33,7 @@ from gsvrcodec.fit.recipe import FitOptions
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look
-from gsvrcodec.model.quantise import Precision
+from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import Ticks, normalised_time
 from gsvrcodec.planes import PACKS, Memory
@@ -245,7 +245,7 @@ def carried_of(fit: Fit, gop: Gop, precision: Precision) -> Carried | None:
         return None
     numbers = np.flatnonzero(fit.anchor.carried)
     numbers = numbers[np.argsort(fit.anchor.source[numbers])]
-    gop = select_gaussians(gop, numbers)
+    gop, precision = select_gaussians(gop, numbers), of_carried(precision)
     half = np.pi / 2
     values = {name: getattr(gop, name) for name in LOOK}
     values["rotation"] = (values["rotation"] + half) % np.pi - half

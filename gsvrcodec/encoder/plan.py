@@ -12,9 +12,11 @@ from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.film_target import Numbers
 from gsvrcodec.encoder.rate import bit_weights
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
-from gsvrcodec.encoder.tuned import CHAIN, RATE, TRIPLANE
+from gsvrcodec.encoder.tuned import CHAIN, RATE
 from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.start import affordable
 from gsvrcodec.fit.target import Count, Size, Slope, Target
+from gsvrcodec.fit.tuned import TRIPLANE
 from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import GridSize
 from gsvrcodec.model.reconstruction import Blending
@@ -218,11 +220,4 @@ def _grid(
     gx, gy, gt = halved(usual) if predicted else usual
     if not gx:
         return usual
-    numbers = TRIPLANE.share * gaussian_parameters(settings.blending) * gaussians
-    most = numbers / triplane_channels(settings.blending)
-    # With s times the cells a side, a channel has s^2 plane + s lines numbers.
-    plane, lines = gx * gy, gt * (gx + gy)
-    side = (math.sqrt(lines**2 + 4 * plane * most) - lines) / (2 * plane)
-    least = TRIPLANE.cells[0]
-    gx, gy = (min(n, max(least, round(side * n))) for n in (gx, gy))
-    return gx, gy, gt
+    return affordable((gx, gy, gt), gaussians, settings.blending)

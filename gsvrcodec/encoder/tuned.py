@@ -68,15 +68,6 @@ class _Crf:
 
 
 @dataclass(frozen=True, slots=True)
-class _TriPlane:
-    """Size of the tri-plane."""
-
-    cell_px: float = 20.0  #: side of a cell, px of the coded frame
-    cells: tuple[int, int] = (4, 64)  #: fewest and most cells of a side
-    share: float = 0.04  #: cap on numbers of a tri-plane / numbers of the Gaussians expected
-
-
-@dataclass(frozen=True, slots=True)
 class _Chain:
     """Key GOPs and the GOPs predicted from them."""
 
@@ -114,6 +105,5 @@ LOOKAHEAD = _Lookahead()
 GOP_LENGTH = _GopLength()
 RATE = _Rate()
 CRF = _Crf()
-TRIPLANE = _TriPlane()
 CHAIN = _Chain()
 PROCESSES = _Processes()

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, backdrop, some_frames
-from gsvrcodec.fit.parameters import LOOK, Anchor
+from gsvrcodec.fit.parameters import LOOK, MOTION, Anchor
 from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, RATE_CONTROL, STEPS
-from gsvrcodec.model.attributes import ATTRIBUTES
-from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
+from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
+from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Float32Array, Gop
 from gsvrcodec.model.quantise import Precision, Refined, Steps
 from gsvrcodec.model.refinement import REFINED, Refinement, levels
+from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
 
 #: 8-bit codes squared, mean of the channels: the unit that quality is measured in.
@@ -28,7 +29,6 @@ def sensitivities(
     gop: Gop,
     rng: np.random.Generator,
     backend: Backend,
-    anchor: Anchor | None = None,
     *,
     frames: int = STEPS.frames,
 ) -> Gop:
@@ -42,29 +42,73 @@ def sensitivities(
         gop: The state to look at.
         rng: Source of the noise.
         backend: Gives gradients.
-        anchor: What the stored values are relative to; the position follows from the motion.
         frames: Most frames that are looked at.
 
     Returns:
         In place of each parameter its sum, squared 8-bit codes (mean of the channels).
     """
+    return _sum_of_squares(_answers(footage, gop, rng, backend, frames))
+
+
+def sensitivities_of_motion(
+    footage: Footage,
+    gop: Gop,
+    rng: np.random.Generator,
+    backend: Backend,
+    anchor: Anchor,
+    *,
+    frames: int = STEPS.frames,
+) -> tuple[Gop, Gop]:
+    """Sensitivities where a motion changes alone, and where its place makes up for that.
+
+    A carried Gaussian moves from where the reference leaves it, so that a change of its motion
+    alone shifts it in all frames. If what is stored of its place makes up for the shift in the
+    middle of the GOP, the motion may be rounded to coarser steps.
+
+    Args:
+        footage: The frames that show the GOP.
+        gop: The state to look at.
+        rng: Source of the noise.
+        backend: Gives gradients.
+        anchor: What the stored values are relative to.
+        frames: Most frames that are looked at.
+
+    Returns:
+        Two times what `sensitivities` returns.
+    """
+    in_place = list(_answers(footage, gop, rng, backend, frames))
+    alone = [
+        replace(
+            answer,
+            linear=answer.linear - np.float32(anchor.start) * there,
+            quadratic=answer.quadratic - np.float32(anchor.start**2) * there,
+        )
+        for answer in in_place
+        for there in [anchor.carried[:, None] * answer.position]
+    ]
+    return _sum_of_squares(alone), _sum_of_squares(in_place)
+
+
+def _answers(
+    footage: Footage, gop: Gop, rng: np.random.Generator, backend: Backend, frames: int
+) -> Iterator[Gop]:
+    """Gradients J^T r of some frames, scaled so that their squares stand for all frames."""
     (width, height), taus = footage.size, footage.taus
-    total = {name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__}
     chosen = some_frames(len(taus), frames)
     behind = backdrop(footage.background, footage.size, footage.size, backend)
-    scale = np.float32(_CODES * len(taus) / len(chosen))
+    scale = np.float32(math.sqrt(_CODES * len(taus) / len(chosen)))
     for tau in taus[chosen]:
-        random = noise((height, width, 3), rng)
-        gradient = backend.gradient(gop, float(tau), random, footage.size, behind)
-        if anchor is not None:
-            there = anchor.carried[:, None] * gradient.position
-            gradient = replace(
-                gradient,
-                linear=gradient.linear - np.float32(anchor.start) * there,
-                quadratic=gradient.quadratic - np.float32(anchor.start**2) * there,
-            )
-        for name, sums in total.items():
-            sums += scale * np.square(getattr(gradient, name))
+        random = scale * noise((height, width, 3), rng)
+        yield backend.gradient(gop, float(tau), random, footage.size, behind)
+
+
+def _sum_of_squares(gradients: Iterable[Gop]) -> Gop:
+    """Sum of the squares of each parameter's gradients."""
+    total: dict[str, Float32Array] = {}
+    for gradient in gradients:
+        for name in Gop.__slots__:
+            square = np.square(getattr(gradient, name))
+            total[name] = total[name] + square if name in total else square
     return Gop(**total)
 
 
@@ -156,6 +200,29 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
             if name == "log_scale":  # levels follow from rounded values
                 step = wanted.astype(np.float32)
                 log_scale = np.rint(gop.log_scale / step) * step
+    return precision
+
+
+def steps_of_predicted(
+    gop: Gop, sensitivities: Gop, carried: NDArray[np.bool_], qscale: float
+) -> Precision:
+    """Steps of equal slope for what a predicted GOP stores: of new Gaussians, and of carried ones.
+
+    Args:
+        gop: Stored values, without changes and motion that are not stored.
+        sensitivities: Squared error of a change of each parameter by one.
+        carried: (N,) Gaussians of the reference.
+        qscale: Factor of all steps.
+    """
+    new = ~carried
+    precision = dict(
+        refined_steps(select_gaussians(gop, new), select_gaussians(sensitivities, new), qscale)
+    )
+    for grid, names in (("changed", LOOK), ("moved", MOTION)):
+        stored = np.any([getattr(gop, name).reshape(len(gop), -1).any(1) for name in names], axis=0)
+        own = equal_slope_steps(select_gaussians(sensitivities, carried & stored), qscale)
+        of_grid = [a for a in CARRIED_ATTRIBUTES if a.grid == grid]
+        precision |= {attribute.name: own[attribute.change_of] for attribute in of_grid}
     return precision
 
 

@@ -17,7 +17,7 @@ from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
 from gsvrcodec.fit.recipe import PREDICTED, FitOptions
 from gsvrcodec.fit.relocate import effects, move_weakest
-from gsvrcodec.fit.start import tri_plane
+from gsvrcodec.fit.start import affordable, tri_plane
 from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
@@ -85,6 +85,7 @@ def fit_predicted(
     carried = there[~stays]
     if kept.any():
         footage = replace(footage, background=static_gop(*_values(look[stays])))
+    grid = affordable(grid, max(len(carried) + extra, 1), backend.blending)
     start = start_of_motion(len(footage.frames))
     anchor = Anchor(start, reference.look[carried], carried)
     begin = _start(footage, anchor, reference.picture, grid, options, rng)
@@ -93,7 +94,8 @@ def fit_predicted(
     parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
-    if mean_psnr(parameters.gop(), footage, backend) < lost:
+    changes = stays.mean() < PREDICTION.still
+    if changes and mean_psnr(parameters.gop(), footage, backend) < lost:
         return None
     move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,13 @@ from gsvrcodec.fit.adam import Adam
 from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import Effort, targets_of, visits
-from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
+from gsvrcodec.fit.parameters import LOOK, MOTION, Anchor, Parameters
 from gsvrcodec.fit.precision import (
     equal_slope_steps,
     refined_steps,
     sensitivities,
+    sensitivities_of_motion,
+    steps_of_predicted,
     still,
     usual_qscale,
     with_static,
@@ -72,6 +75,9 @@ def quantise_in_stages(
         anchor: what the GOP is relative to. Carried Gaussians without any change get none.
     """
     size, taus = footage.size, footage.taus
+    carried = None if anchor is None else anchor.carried
+    if anchor is not None:
+        gop = with_places_for(gop, precision, anchor)
     parameters = Parameters(gop, deform, backend, footage.background, anchor)
     if anchor is not None:
         parameters.freeze(anchor.carried & unchanged(gop))
@@ -79,7 +85,7 @@ def quantise_in_stages(
     order = visits(len(footage.frames), rng)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
     for stage in _STAGES:
-        rounded = dequantised(gop, precision)
+        rounded = dequantised(gop, precision, carried)
         parameters.fix({name: getattr(rounded, name) for name in stage})
         adam, effort = Adam(parameters.raw, recipe, size, backend), Effort(*each)
         while (spent := effort.spent) < 1.0:
@@ -92,6 +98,29 @@ def quantise_in_stages(
             effort.advance()
         gop = parameters.stored()
     return gop
+
+
+def with_places_for(gop: Gop, precision: Precision, anchor: Anchor) -> Gop:
+    """Make up for the rounding of motion that a predicted GOP is to be stored with.
+
+    A Gaussian of which changes are stored anyway stays where it is in the middle of the GOP. The
+    linear motion of another one makes up for its quadratic motion as well as it can.
+
+    Args:
+        gop: Stored values.
+        precision: Steps that they will be stored with.
+        anchor: What they are relative to.
+    """
+    start, carried = anchor.start, anchor.carried
+    fixed = (carried & unchanged(gop))[:, None]
+    curve = dequantised(gop, precision, carried).quadratic - gop.quadratic
+    # Of tau - start and tau^2 - start^2: their mean product / the mean square of the first.
+    share = start * (start**2 - 1 / 3) / (start**2 + 1 / 3)
+    linear = gop.linear - np.float32(share) * fixed * curve
+    gop = replace(gop, linear=linear)
+    way = start * (dequantised(gop, precision, carried).linear - linear) + start**2 * curve
+    place = gop.position + (carried[:, None] & ~fixed) * way
+    return replace(gop, position=place.astype(np.float32))
 
 
 def unchanged(gop: Gop) -> NDArray[np.bool_]:
@@ -128,6 +157,8 @@ class QuantisedFit:
     #: sensitivities of a predicted GOP if nothing moved, because Gaussians that have left the frame
     #: have none; None = a key GOP
     at_rest: Gop | None = None
+    #: sensitivities of a predicted GOP if its places make up for changes of motion
+    in_place: Gop | None = None
     slope: Slope | None = None  #: what Gaussians have to be worth; None = all are stored
 
     @property
@@ -184,10 +215,19 @@ class QuantisedFit:
                 gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
             return gop, refined_steps(gop, costs, qscale)
         steps = equal_slope_steps(self.sensitivities, qscale)
-        return with_unchanged(gop, anchor.carried, self.sensitivities, steps, qscale), steps
+        gop = with_unchanged(gop, anchor.carried, self.sensitivities, steps, qscale)
+        assert self.in_place is not None
+        fixed = (anchor.carried & unchanged(gop))[:, None]
+        alone = {name: getattr(self.sensitivities, name) for name in MOTION}
+        costs = replace(
+            self.in_place,
+            **{name: np.where(fixed, alone[name], getattr(self.in_place, name)) for name in MOTION},
+        )
+        return gop, steps_of_predicted(gop, costs, anchor.carried, qscale)
 
     def _psnr(self, gop: Gop, precision: Precision) -> float:
-        decoded = self.fit.drawn(dequantised(gop, precision))
+        carried = None if self.fit.anchor is None else self.fit.anchor.carried
+        decoded = self.fit.drawn(dequantised(gop, precision, carried))
         return mean_psnr(decoded, self.fit.footage, self.backend)
 
 
@@ -205,11 +245,15 @@ def quantisable(
 
     With a slope, Gaussians of a key GOP that are not worth their bits are left out.
     """
-    rng = np.random.default_rng(seed)
-    found = sensitivities(fit.footage, fit.drawn(fit.gop), rng, backend, fit.anchor)
-    at_rest = None
-    if fit.anchor is not None:
-        state = fit.drawn(still(fit.gop))
-        at_rest = sensitivities(fit.footage, state, rng, backend, fit.anchor, frames=2)
-    without = losses(fit.drawn(fit.gop), fit.footage, found, backend)
-    return QuantisedFit(fit, found, without, options, backend, measure, seed, at_rest, slope)
+    rng, gop = np.random.default_rng(seed), fit.drawn(fit.gop)
+    at_rest = in_place = None
+    if fit.anchor is None:
+        found = sensitivities(fit.footage, gop, rng, backend)
+    else:
+        of_motion = partial(sensitivities_of_motion, fit.footage, anchor=fit.anchor)
+        found, in_place = of_motion(gop, rng, backend)
+        at_rest, _ = of_motion(fit.drawn(still(fit.gop)), rng, backend, frames=2)
+    without = losses(gop, fit.footage, found, backend)
+    return QuantisedFit(
+        fit, found, without, options, backend, measure, seed, at_rest, in_place, slope
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.motion import FlowEstimator, Tracker
-from gsvrcodec.fit.tuned import START
+from gsvrcodec.fit.tuned import START, TRIPLANE
+from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop, GridSize
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend
 
 
@@ -165,6 +168,27 @@ def content_aware(
             kept = np.delete(np.arange(gaussians), dropped)
             placed = placed[kept] + start.place(index, needed + 1e-15, here, count)
     return start.gop(placed)
+
+
+def affordable(grid: GridSize, gaussians: int, blending: Blending) -> GridSize:
+    """The tri-plane with fewer cells in space, where its numbers would be dear.
+
+    Args:
+        grid: Gx, Gy, Gt; zeros for none.
+        gaussians: Gaussians that it moves, which are what else the bits are spent on.
+        blending: how pictures are formed, which sets its channels.
+    """
+    gx, gy, gt = grid
+    if not gx:
+        return grid
+    numbers = TRIPLANE.share * gaussian_parameters(blending) * gaussians
+    most = numbers / triplane_channels(blending)
+    # With s times the cells a side, a channel has s^2 plane + s lines numbers.
+    plane, lines = gx * gy, gt * (gx + gy)
+    side = (math.sqrt(lines**2 + 4 * plane * most) - lines) / (2 * plane)
+    least = TRIPLANE.cells[0]
+    gx, gy = (min(n, max(least, round(side * n))) for n in (gx, gy))
+    return gx, gy, gt
 
 
 def tri_plane(

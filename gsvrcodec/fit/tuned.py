@@ -47,6 +47,15 @@ class _Start:
 
 
 @dataclass(frozen=True, slots=True)
+class _TriPlane:
+    """Size of the tri-plane."""
+
+    cell_px: float = 20.0  #: side of a cell, px of the coded frame
+    cells: tuple[int, int] = (4, 64)  #: fewest and most cells of a side
+    share: float = 0.04  #: cap on numbers of a tri-plane / numbers of the Gaussians expected
+
+
+@dataclass(frozen=True, slots=True)
 class _Tracks:
     """Points followed by optical flow."""
 
@@ -100,7 +109,9 @@ class _Prediction:
     undone: float = 1.5  #: worth of a change / worth of its bits below which it is undone
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
-    #: a GOP is not predicted if its start is below `lost`, and so much below its reference
+    #: a GOP is not predicted if its start is below `lost`, and so much below its reference, unless
+    #: so many of its Gaussians are kept as they are
+    still: float = 0.5  #: share
     lost: float = 20.0  #: PSNR, dB
     lost_fall: float = 8.0  #: dB
 
@@ -200,6 +211,7 @@ class _RateControl:
 
 EFFORT = _Effort()
 START = _Start()
+TRIPLANE = _TriPlane()
 TRACKS = _Tracks()
 OPACITY = _Opacity()
 RELOCATION = _Relocation()

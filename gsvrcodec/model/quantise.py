@@ -10,9 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.attributes import ATTRIBUTES, MODE, Attribute
+from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
 from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements, levels
+from gsvrcodec.model.static import append_gaussians, select_gaussians
 
 _MAX_BITS = 16
 
@@ -62,7 +63,8 @@ class Quantiser:
         Raises:
             ValueError: A value is not finite.
         """
-        wanted = precision[attribute.change_of or attribute.name]
+        own = attribute.name in precision
+        wanted = precision[attribute.name if own else attribute.change_of]
         if isinstance(wanted, int):
             return cls.fit(values, wanted)
         if isinstance(wanted, Refined):
@@ -262,14 +264,34 @@ def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dic
     return bits
 
 
-def dequantised(gop: Gop, precision: Precision) -> Gop:
+def of_carried(precision: Precision) -> Precision:
+    """What is stored of carried Gaussians, by the names of `Gop`."""
+    own = {a.change_of: precision[a.name] for a in CARRIED_ATTRIBUTES if a.name in precision}
+    return {**precision, **own}
+
+
+def dequantised(gop: Gop, precision: Precision, carried: NDArray[np.bool_] | None = None) -> Gop:
     """The GOP that a decoder gets for `gop`, quantised and dequantised, in the given order.
 
     Attributes that `precision` lacks stay as they are, as opacities where pictures are sums.
 
+    Args:
+        gop: Stored values.
+        precision: Bits or quantiser steps.
+        carried: (N,) Gaussians of a reference, of which changes are stored; None = there are none.
+
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
     """
+    if carried is None:
+        return _dequantised(gop, precision)
+    new = _dequantised(select_gaussians(gop, ~carried), precision)
+    changes = _dequantised(select_gaussians(gop, carried), of_carried(precision))
+    order = np.argsort(np.argsort(carried, kind="stable"), kind="stable")
+    return select_gaussians(append_gaussians(new, changes), order)
+
+
+def _dequantised(gop: Gop, precision: Precision) -> Gop:
     original = {a.name: getattr(gop, a.name) for a in ATTRIBUTES}
     coded = quantised(original, [a for a in ATTRIBUTES if a.name in precision], precision)
     values = {name: joined([part.base for part in parts]) for name, parts in coded.items()}

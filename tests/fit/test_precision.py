@@ -9,12 +9,20 @@ import numpy as np
 import pytest
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.precision import equal_slope_steps, refined_steps, sensitivities, usual_qscale
+from gsvrcodec.fit.parameters import MOTION
+from gsvrcodec.fit.precision import (
+    equal_slope_steps,
+    refined_steps,
+    sensitivities,
+    steps_of_predicted,
+    usual_qscale,
+)
 from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.quantise import Refined, dequantised
+from gsvrcodec.model.quantise import Refined, dequantised, of_carried
 from gsvrcodec.model.refinement import REFINED
+from gsvrcodec.model.static import select_gaussians
 from tests import making
 from tests.fit.synthetic import BACKEND, footage
 
@@ -102,3 +110,46 @@ class TestRefined:
     def test_no_gaussians(self) -> None:
         empty = making.random_gop(np.random.default_rng(5), gaussians=0)
         assert refined_steps(empty, empty, 1.0).keys() == equal_slope_steps(empty, 1.0).keys()
+
+
+class TestPredicted:
+    def test_new_and_carried_gaussians_have_steps_of_their_own(self, gop: Gop) -> None:
+        carried = np.arange(150) < 100
+        found = measured(gop)
+        rare = replace(found, colour=np.where(carried[:, None], 16, 1) * found.colour)
+        before, after = (steps_of_predicted(gop, each, carried, 0.01) for each in (found, rare))
+        assert after["colour"] == before["colour"]
+        usual, finer = (np.array(each["colour_change"]) for each in (before, after))
+        np.testing.assert_allclose(finer, usual / 4, rtol=0.02)
+
+    def test_what_is_not_stored_has_no_say(self, gop: Gop) -> None:
+        carried = np.arange(150) < 100
+        still = np.arange(150) % 2 == 0
+        none = {name: np.where(still[:, None], 0, getattr(gop, name)) for name in MOTION}
+        some = replace(gop, **none)
+        found = measured(some)
+        more = {name: np.where(still[:, None], 9, 1) * getattr(found, name) for name in MOTION}
+        before, after = (
+            steps_of_predicted(some, each, carried, 0.01)
+            for each in (found, replace(found, **more))
+        )
+        assert before["carried_linear"] == after["carried_linear"]
+        assert before["position_change"] == after["position_change"]
+
+    def test_a_decoder_gets_values_of_both(self, gop: Gop) -> None:
+        carried = np.arange(150) % 3 == 0
+        precision = steps_of_predicted(gop, measured(gop), carried, 1.0)
+        decoded = dequantised(gop, precision, carried)
+        new = dequantised(select_gaussians(gop, ~carried), precision)
+        changes = dequantised(select_gaussians(gop, carried), of_carried(precision))
+        for attribute in ATTRIBUTES:
+            value = getattr(decoded, attribute.name)
+            if attribute.grid == "gaussians":
+                np.testing.assert_array_equal(value[~carried], getattr(new, attribute.name))
+                np.testing.assert_array_equal(value[carried], getattr(changes, attribute.name))
+            else:
+                np.testing.assert_array_equal(value, getattr(new, attribute.name))
+        steps = of_carried(precision)["position"]
+        assert steps == precision["position_change"]
+        codes = decoded.position[carried] / np.array(steps)
+        np.testing.assert_allclose(codes, np.rint(codes), atol=1e-3)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.fit.precision import sensitivities
+from gsvrcodec.fit.precision import sensitivities, sensitivities_of_motion
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, static_gop
@@ -78,10 +78,12 @@ def test_of_what_an_anchor_makes_relative() -> None:
     behind = covering()
     shots = footage(np.zeros((3, SIZE[1], SIZE[0], 3), np.uint8), behind)
     drawn = anchor.gop(stored)
-    plain, found = (
-        sensitivities(shots, drawn, np.random.default_rng(0), BACKEND, one)
-        for one in (None, anchor)
+    plain = sensitivities(shots, drawn, np.random.default_rng(0), BACKEND)
+    found, in_place = sensitivities_of_motion(
+        shots, drawn, np.random.default_rng(0), BACKEND, anchor
     )
+    for name in Gop.__slots__:
+        np.testing.assert_array_equal(getattr(in_place, name), getattr(plain, name))
     for name in {*Gop.__slots__} - {"linear", "quadratic"}:
         np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
     new = ~anchor.carried

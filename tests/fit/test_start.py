@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.motion import flow_estimator
 from gsvrcodec.fit.paper import random_start
-from gsvrcodec.fit.start import content_aware
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.fit.start import affordable, content_aware
+from gsvrcodec.fit.tuned import TRIPLANE
+from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
+from gsvrcodec.model.gop import Gop, GridSize
+from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, sample
@@ -95,6 +100,26 @@ class TestContentAware:
 
     def test_without_triplane(self) -> None:
         assert_shapes(start(sample(making.NOISE, frames=2), 30, (0, 0, 0)), 30, (0, 0, 0))
+
+    @given(
+        st.tuples(*[st.integers(1, 64)] * 3),
+        st.integers(1, 10**5),
+        st.sampled_from(["sum", "mean"]),
+    )
+    def test_as_many_cells_as_the_gaussians_afford(
+        self, grid: GridSize, gaussians: int, blending: Blending
+    ) -> None:
+        gx, gy, gt = found = affordable(grid, gaussians, blending)
+        least = TRIPLANE.cells[0]
+        assert gt == grid[2]
+        assert all(
+            min(least, usual) <= n <= usual for n, usual in zip((gx, gy), grid[:2], strict=True)
+        )
+        numbers = triplane_channels(blending) * (gx * gy + gt * (gx + gy))
+        spare = TRIPLANE.share * gaussian_parameters(blending) * gaussians
+        if min(gx, gy) > least:  # sides are rounded
+            assert numbers <= 1.3 * spare or found == grid
+        assert affordable((0, 0, 0), gaussians, blending) == (0, 0, 0)
 
     def test_at_rest_without_flow(self) -> None:
         gop = start(moving_texture(3, (3, 0)), 30, moving=False)
