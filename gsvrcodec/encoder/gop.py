@@ -159,6 +159,7 @@ class _Fitter:
             self._allowance(budget.gaussians),
             backend,
             seed=job.seed,
+            slope=budget.slope,
         )
 
     def key(self) -> Fit:

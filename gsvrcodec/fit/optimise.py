@@ -19,8 +19,9 @@ from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.target import Slope
-from gsvrcodec.fit.tuned import RELOCATION
+from gsvrcodec.fit.tuned import PREDICTION, RELOCATION
 from gsvrcodec.metrics import squared_error
+from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render.backend import Samples
 
 #: Steps after which their pace is known.
@@ -199,7 +200,10 @@ class _Descent:
 def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: float) -> int:
     """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
     now = len(parameters.raw["position"])
-    wanted = slope.gaussians(footage.pixels, _squared_error(parameters, footage), steps)
+    error = _squared_error(parameters, footage)
+    if parameters.anchor is not None:
+        error *= PREDICTION.numbers
+    wanted = slope.gaussians(footage.pixels, error, steps)
     return min(max(wanted, now // 2), 2 * now) - now
 
 
@@ -215,15 +219,19 @@ def _prune(
 
 
 def _squared_error(parameters: Parameters, footage: Footage) -> float:
-    """Mean squared error over some frames, 8-bit codes."""
-    frames, backend = footage.frames, parameters.backend
+    """Mean squared error over some frames, 8-bit codes; by its share where a background shows."""
+    frames, backend, size = footage.frames, parameters.backend, footage.size
     shown = some_frames(len(frames), RELOCATION.frames)
-    prepared = backend.prepare(parameters.drawn())
-    pictures = backend.render(prepared, footage.taus[shown], footage.size, footage.size)
-    return fmean(
-        squared_error(picture, frames[index])
-        for picture, index in zip(pictures, shown, strict=True)
-    )
+    pictures = backend.render(backend.prepare(parameters.drawn()), footage.taus[shown], size, size)
+    if parameters.background is None:
+        return fmean(map(squared_error, pictures, frames[shown]))
+    behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
+    own, errors = backend.prepare(parameters.gop()), []
+    for picture, index in zip(pictures, shown, strict=True):
+        weight = backend.sums(own, float(footage.taus[index]), size, size)[..., 3]
+        squares = np.square(picture - frames[index].astype(np.float32)).mean(axis=2)
+        errors.append(float((squares * weight / (weight + behind + GROUND)).mean()))
+    return fmean(errors)
 
 
 def targets_of(

@@ -18,7 +18,7 @@ from gsvrcodec.fit.precision import noise
 from gsvrcodec.fit.recipe import PREDICTED, FitOptions
 from gsvrcodec.fit.relocate import effects, move_weakest
 from gsvrcodec.fit.start import affordable, tri_plane
-from gsvrcodec.fit.target import bit_worth
+from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
@@ -48,6 +48,7 @@ def fit_predicted(
     backend: Backend,
     *,
     seed: tuple[int, ...],
+    slope: Slope | None = None,
 ) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
 
@@ -59,12 +60,13 @@ def fit_predicted(
     Args:
         footage: frames to show.
         reference: Gaussians to begin with.
-        gaussians: N of the GOP.
+        gaussians: N of the GOP; with a slope a first guess.
         grid: Gx, Gy, Gt of the tri-plane; zeros for none.
         options: deformation field, flow.
         allowance: steps or wall time of start, fit and tuning together.
         backend: the renderer.
         seed: of every random choice.
+        slope: that the number of Gaussians which change follows; None = their number stays.
 
     Returns:
         The fit; None if the frames cannot be predicted from the reference.
@@ -103,7 +105,7 @@ def fit_predicted(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
     price = price_of(parameters, footage, reference.qscale, rng)
-    optimise(parameters, footage, PREDICTED, effort, rng, price=price)
+    optimise(parameters, footage, PREDICTED, effort, rng, price=price, slope=slope)
     psnr = mean_psnr(parameters.gop(), footage, backend)
     return Fit(
         parameters.stored(), psnr, effort.expected_steps, tuning, footage, parameters.anchor, kept

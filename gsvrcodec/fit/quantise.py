@@ -76,8 +76,6 @@ def quantise_in_stages(
     """
     size, taus = footage.size, footage.taus
     carried = None if anchor is None else anchor.carried
-    if anchor is not None:
-        gop = with_places_for(gop, precision, anchor)
     parameters = Parameters(gop, deform, backend, footage.background, anchor)
     if anchor is not None:
         parameters.freeze(anchor.carried & unchanged(gop))
@@ -223,7 +221,8 @@ class QuantisedFit:
             self.in_place,
             **{name: np.where(fixed, alone[name], getattr(self.in_place, name)) for name in MOTION},
         )
-        return gop, steps_of_predicted(gop, costs, anchor.carried, qscale)
+        precision = steps_of_predicted(gop, costs, anchor.carried, qscale)
+        return with_places_for(gop, precision, anchor), precision
 
     def _psnr(self, gop: Gop, precision: Precision) -> float:
         carried = None if self.fit.anchor is None else self.fit.anchor.carried

@@ -98,6 +98,8 @@ PREDICTED = replace(
     coarse=0.0,
     relocations=(0.1, 0.2, 0.3),
     moving=0.05,
+    counted=0.28,
+    prunings=(),
     new=2.0,
     fast=3.0,
 )

@@ -127,7 +127,8 @@ def relocate(
         # Copies that hardly show are the weakest, so that they move.
         taken = np.concatenate([np.zeros(added, np.intp), taken])
         parameters.rearrange(taken)
-        parameters.raw["log_opacity"][:added] = -MOST_LOG_OPACITY
+        hidden = np.full(added, -MOST_LOG_OPACITY, np.float32)
+        parameters.renew(np.arange(added), np.arange(added), log_opacity=hidden)
     moved = move_weakest(parameters, frames, taus, coded_size, rng, count)
     order = reorder(parameters, coded_size)
     return taken[order], np.isin(order, moved)

@@ -14,6 +14,7 @@ from gsvrcodec.fit.predicted import LastFrame, change_worth, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.recipe import Deform, FitOptions
 from gsvrcodec.fit.start import affordable
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
@@ -73,6 +74,7 @@ def predicted(
     gaussians: int = GAUSSIANS,
     allowance: Allowance | None = None,
     seed: int = 0,
+    slope: Slope | None = None,
 ) -> Fit:
     chosen = options or FitOptions()
     fit = fit_predicted(
@@ -84,6 +86,7 @@ def predicted(
         allowance or Allowance(150, None),
         BACKEND,
         seed=(seed, 4),
+        slope=slope,
     )
     assert fit is not None
     return fit
@@ -268,6 +271,19 @@ class TestNumbers:
         if gaussians > GAUSSIANS:
             assert (~anchor.carried).sum() >= gaussians - GAUSSIANS
         assert_finite(fit.gop)
+
+    def test_they_follow_a_slope(self, key: Key) -> None:
+        counts, frames = [], film(3, news=True)
+        without = len(predicted(key, frames).gop)
+        for qscale in (0.2, 5.0):
+            fit = predicted(key, frames, slope=Slope(qscale, 3000))
+            kept, anchor = parts(fit)
+            carried = anchor.source[anchor.carried]
+            assert len(set(carried.tolist())) == len(carried)
+            assert not kept[carried].any()
+            assert_finite(fit.drawn(fit.gop))
+            counts.append(len(fit.gop))
+        assert counts[0] > without > counts[1]
 
     def test_the_weakest_are_dropped_and_leave_no_hole(self, key: Key) -> None:
         fit = predicted(key, film(2), gaussians=440)
