@@ -201,26 +201,31 @@ class QuantisedFit:
         return Quantised(gop, precision, self._psnr(gop, precision), qscale)
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
+        """What is stored, and how finely."""
         states = [own for own in (self.sensitivities, self.at_rest) if own is not None]
-        gop = with_static(self.fit.gop, states, qscale)
-        anchor = self.fit.anchor
+        gop, anchor = with_static(self.fit.gop, states, qscale), self.fit.anchor
         new = np.ones(len(gop), np.bool_) if anchor is None else ~anchor.carried
         gop = with_usual_opacity(gop, new, self.sensitivities, qscale)
-        if anchor is None:
-            costs = self.sensitivities
-            if self.slope is not None:
-                chosen = self.slope.worthwhile(self.losses)
-                gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
-            return gop, refined_steps(gop, costs, qscale)
+        if anchor is not None:
+            return self._stored_changes(gop, anchor, qscale)
+        costs = self.sensitivities
+        if self.slope is not None:
+            chosen = self.slope.worthwhile(self.losses)
+            gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
+        return gop, refined_steps(gop, costs, qscale)
+
+    def _stored_changes(self, gop: Gop, anchor: Anchor, qscale: float) -> tuple[Gop, Precision]:
+        """What a predicted GOP stores, and how finely."""
+        assert self.in_place is not None
         steps = equal_slope_steps(self.sensitivities, qscale)
         gop = with_unchanged(gop, anchor.carried, self.sensitivities, steps, qscale)
-        assert self.in_place is not None
-        fixed = (anchor.carried & unchanged(gop))[:, None]
-        alone = {name: getattr(self.sensitivities, name) for name in MOTION}
-        costs = replace(
-            self.in_place,
-            **{name: np.where(fixed, alone[name], getattr(self.in_place, name)) for name in MOTION},
-        )
+        # Where no change of a place is stored, none can make up for rounded motion.
+        alone = (anchor.carried & unchanged(gop))[:, None]
+        motion = {
+            name: np.where(alone, getattr(self.sensitivities, name), getattr(self.in_place, name))
+            for name in MOTION
+        }
+        costs = replace(self.in_place, **motion)
         precision = steps_of_predicted(gop, costs, anchor.carried, qscale)
         return with_places_for(gop, precision, anchor), precision
 
