@@ -30,6 +30,7 @@ from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.recipe import FitOptions
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look
@@ -150,16 +151,21 @@ class _Fitter:
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
+        allowance = self._allowance(budget.gaussians)
+        slope = budget.slope
+        if budget.bytes:  # the qscale goes on from that of the reference
+            most = min(most_gaussians(job.size), allowance.gaussians)
+            slope = Slope(reference.qscale, int(most))
         return fit_predicted(
             self._footage,
             LastFrame(look, shown, qscale, reference.psnr),
             budget.gaussians,
             job.grid,
             job.options,
-            self._allowance(budget.gaussians),
+            allowance,
             backend,
             seed=job.seed,
-            slope=budget.slope,
+            slope=slope,
         )
 
     def key(self) -> Fit:

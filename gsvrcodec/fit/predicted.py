@@ -96,8 +96,8 @@ def fit_predicted(
     parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
-    changes = stays.mean() < PREDICTION.still
-    if changes and mean_psnr(parameters.gop(), footage, backend) < lost:
+    began_with = mean_psnr(parameters.gop(), footage, backend)
+    if stays.mean() < PREDICTION.still and began_with < lost:
         return None
     move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh)
 
@@ -106,10 +106,11 @@ def fit_predicted(
     )
     price = price_of(parameters, footage, reference.qscale, rng)
     optimise(parameters, footage, PREDICTED, effort, rng, price=price, slope=slope)
-    psnr = mean_psnr(parameters.gop(), footage, backend)
-    return Fit(
-        parameters.stored(), psnr, effort.expected_steps, tuning, footage, parameters.anchor, kept
-    )
+    gop, ended_with = parameters.stored(), mean_psnr(parameters.gop(), footage, backend)
+    final = parameters.anchor
+    if ended_with < began_with:  # as in a still film
+        gop, ended_with, final = begin, began_with, anchor
+    return Fit(gop, ended_with, effort.expected_steps, tuning, footage, final, kept)
 
 
 def change_worth(

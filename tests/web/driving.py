@@ -19,7 +19,7 @@ FILM = "film-sound.gsvr"
 Moment = tuple[int, int, float, float]
 
 
-def until(found: Callable[[], Any], seconds: float = 10) -> Any:
+def until(found: Callable[[], Any], seconds: float = 60) -> Any:
     """Wait until something is found, and return it."""
     end = time.monotonic() + seconds
     while not (value := found()):
