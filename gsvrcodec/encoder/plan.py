@@ -217,7 +217,4 @@ def _grid(
     A predicted GOP has at most half as many cells a side.
     """
     usual = triplane_grid(size, frames, settings)
-    gx, gy, gt = halved(usual) if predicted else usual
-    if not gx:
-        return usual
-    return affordable((gx, gy, gt), gaussians, settings.blending)
+    return affordable(halved(usual) if predicted else usual, gaussians, settings.blending)

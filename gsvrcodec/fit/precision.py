@@ -74,7 +74,7 @@ def sensitivities_of_motion(
         frames: Most frames that are looked at.
 
     Returns:
-        Two times what `sensitivities` returns.
+        Where it changes alone, and where its place makes up; both as `sensitivities` returns them.
     """
     in_place = list(_answers(footage, gop, rng, backend, frames))
     alone = [

@@ -30,8 +30,8 @@ from gsvrcodec.fit.recipe import MAIN, Deform, FitOptions, Recipe
 from gsvrcodec.fit.relocate import losses
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import STAGED
-from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.quantise import Precision, dequantised
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.quantise import Precision, dequantised, of_carried
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
 
@@ -109,16 +109,21 @@ def with_places_for(gop: Gop, precision: Precision, anchor: Anchor) -> Gop:
         precision: Steps that they will be stored with.
         anchor: What they are relative to.
     """
-    start, carried = anchor.start, anchor.carried
-    fixed = (carried & unchanged(gop))[:, None]
-    curve = dequantised(gop, precision, carried).quadratic - gop.quadratic
+    start, steps = anchor.start, of_carried(precision)
+    alone = (anchor.carried & unchanged(gop))[:, None]
+
+    def error(name: str, value: Float32Array) -> NDArray[np.float64]:
+        """What rounding adds to a motion."""
+        step = np.array(steps[name])
+        return np.asarray(np.rint(value / step) * step - value)
+
+    curve = error("quadratic", gop.quadratic)
     # Of tau - start and tau^2 - start^2: their mean product / the mean square of the first.
     share = start * (start**2 - 1 / 3) / (start**2 + 1 / 3)
-    linear = gop.linear - np.float32(share) * fixed * curve
-    gop = replace(gop, linear=linear)
-    way = start * (dequantised(gop, precision, carried).linear - linear) + start**2 * curve
-    place = gop.position + (carried[:, None] & ~fixed) * way
-    return replace(gop, position=place.astype(np.float32))
+    linear = (gop.linear - share * alone * curve).astype(np.float32)
+    way = start * error("linear", linear) + start**2 * curve
+    place = gop.position + (anchor.carried[:, None] & ~alone) * way
+    return replace(gop, linear=linear, position=place.astype(np.float32))
 
 
 def unchanged(gop: Gop) -> NDArray[np.bool_]:
