@@ -43,7 +43,7 @@ COMMON: dict[str, Any] = {"params": 3_000_000, "crop": (1280, 640, None, None)}
 
 SIZES = ((1280, 640), (1920, 960))
 GAUSSIANS = (10_000, 20_000, 40_000, 80_000)
-BUDGETS = (0.5, 1.0, 2.0)  # seconds a frame
+BUDGETS = (0.25, 0.5, 1.0)  # seconds a frame
 FRAMES = 24  # of a GOP
 TAUS = np.linspace(-1, 1, FRAMES, dtype=np.float32)
 BLENDINGS: tuple[Blending, ...] = get_args(Blending)

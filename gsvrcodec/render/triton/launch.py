@@ -209,7 +209,7 @@ class Pass:
     def gradients(self) -> dict[str, Tensor]:
         """Gradients of all parameters; after `residual` or `set_gradient`, once."""
         frames, n, blocks = self.frames, self._n, self._blocks
-        out = {name: torch.zeros_like(a) for name, a in zip(_NAMES, self._arrays, strict=True)}
+        out = self._zeros()
         if not blocks:
             return out
         moments = self._empty(frames, n, self._sums + 5)
@@ -251,6 +251,16 @@ class Pass:
             if self._planes:
                 self._plane_gradients(factors, out)
         return out
+
+    def _zeros(self) -> dict[str, Tensor]:
+        """Room for gradients: parts of one tensor, since a launch takes longer than to fill it."""
+        # Kernels are compiled once for pointers that are multiples of 16 bytes.
+        rooms = [triton.cdiv(array.numel(), 4) * 4 for array in self._arrays]
+        parts = torch.zeros(sum(rooms), device=self._device).split(rooms)
+        return {
+            name: part[: array.numel()].view(array.shape)
+            for name, part, array in zip(_NAMES, parts, self._arrays, strict=True)
+        }
 
     def _plane_gradients(self, factors: Tensor, out: dict[str, Tensor]) -> None:
         gx, gy, gt = self._grid
