@@ -12,6 +12,7 @@ from statistics import fmean, median
 from gsvrcodec.report.curve import RateCurve
 from tests.benchmarks.clips import EQUAL_BITS
 from tests.benchmarks.markdown import number, origin_of, settings_text, table
+from tests.benchmarks.page_gpu import gpu_section
 from tests.benchmarks.page_quality import quality_sections
 from tests.benchmarks.results_plots import plot_rates, plot_times
 from tests.benchmarks.results_read import (
@@ -361,6 +362,8 @@ def page(results: dict[str, Json]) -> str:
         *quality_sections(results),
         *time_section(results),
     ]
+    if "gpu" in results:
+        lines += gpu_section(results["gpu"])
     for name, title in ABLATIONS.items():
         if rows_of(results, name):
             lines += ablation_section(results, name, title)

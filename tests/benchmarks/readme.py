@@ -20,6 +20,7 @@ from gsvrcodec.report.curve import RateCurve
 from tests.benchmarks.clips import EQUAL_BITS
 from tests.benchmarks.markdown import number, table
 from tests.benchmarks.page import LEVELS, RESULTS
+from tests.benchmarks.page_gpu import speeds
 from tests.benchmarks.results_read import (
     PUBLISHED_RATES,
     PUBLISHED_TIMES,
@@ -214,6 +215,7 @@ TABLES: Mapping[str, Callable[[dict[str, Json]], Iterator[str]]] = {
     "against": against,
     "output": output,
     "sizes": sizes,
+    "gpu": lambda results: speeds(results["gpu"]),
 }
 
 
