@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +12,9 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples, Size
 
 Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
+
+#: Shorter side below which frames are not halved, px.
+_LEAST_SIDE = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +51,15 @@ def backdrop(
         return None
     prepared = backend.prepare(background)
     return backend.upload(backend.sums(prepared, 0.0, size, coded_size))
+
+
+def halved(frames: Frames) -> Frames:
+    """Return frames of half the size; small ones as they are."""
+    height, width = frames.shape[1:3]
+    if min(height, width) < _LEAST_SIDE:
+        return frames
+    size = (width // 2, height // 2)
+    return np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames])
 
 
 def some_frames(frames: int, count: int) -> NDArray[np.intp]:

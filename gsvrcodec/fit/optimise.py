@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.adam import Adam, paces
-from gsvrcodec.fit.footage import Footage, Frames, backdrop, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved, some_frames
 from gsvrcodec.fit.parameters import Parameters, Tensors
 from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
+from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import PREDICTION, RELOCATION
 from gsvrcodec.metrics import squared_error
@@ -132,7 +133,7 @@ class _Descent:
         self._parameters, self._footage, self._recipe = parameters, footage, recipe
         self._effort, self._rng = effort, rng
         self._price, self._slope = price, slope
-        self._small = self._shown = coarse_frames(footage.frames, recipe)
+        self._small = self._shown = halved(footage.frames) if recipe.coarse else footage.frames
         self._targets, self._behind = targets_of(parameters, self._shown, footage.size)
         reorder(parameters, footage.size)
         self._adam = Adam(parameters.raw, recipe, footage.size, parameters.backend)
@@ -229,8 +230,8 @@ def _squared_error(parameters: Parameters, footage: Footage) -> float:
     own, errors = backend.prepare(parameters.gop()), []
     for picture, index in zip(pictures, shown, strict=True):
         weight = backend.sums(own, float(footage.taus[index]), size, size)[..., 3]
-        squares = np.square(picture - frames[index].astype(np.float32)).mean(axis=2)
-        errors.append(float((squares * weight / (weight + behind + GROUND)).mean()))
+        squares = over_channels(np.square(cv2.absdiff(picture, frames[index]), dtype=np.float32))
+        errors.append(float((squares / 3 * weight / (weight + behind + GROUND)).mean()))
     return fmean(errors)
 
 
@@ -241,12 +242,3 @@ def targets_of(
     size = frames.shape[2], frames.shape[1]
     behind = backdrop(parameters.background, size, coded_size, parameters.backend)
     return parameters.backend.upload(frames), behind
-
-
-def coarse_frames(frames: Frames, recipe: Recipe) -> Frames:
-    """Frames of half the size for the coarse stage; small frames as they are."""
-    height, width = frames.shape[1:3]
-    if not recipe.coarse or min(height, width) < recipe.coarse_min_side:
-        return frames
-    size = (width // 2, height // 2)
-    return np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames])

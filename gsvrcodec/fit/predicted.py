@@ -16,7 +16,7 @@ from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
 from gsvrcodec.fit.recipe import PREDICTED, FitOptions
-from gsvrcodec.fit.relocate import effects, move_weakest
+from gsvrcodec.fit.relocate import effects, move_weakest, sums_at
 from gsvrcodec.fit.start import affordable, tri_plane
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, START
@@ -171,7 +171,8 @@ def _strongest(look: Look, footage: Footage, count: int, backend: Backend) -> ND
     if count >= len(look.position):
         return np.arange(len(look.position))
     gop = static_gop(*_values(look))
-    found = effects(gop, gop, np.zeros(1, np.float32), footage.size, footage.size, backend)
+    now, size = np.zeros(1, np.float32), footage.size
+    found = effects(gop, sums_at(gop, now, size, size, backend), size)
     return np.sort(np.argsort(-found, kind="stable")[:count])
 
 

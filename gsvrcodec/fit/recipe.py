@@ -42,7 +42,6 @@ class Recipe:
     settling: int = 0  #: fewest steps between two relocations; one that comes sooner is left out
     prunings: tuple[float, ...] = ()  #: fractions of the effort at which dear Gaussians leave
     counted: float = 0.25  #: fraction of the effort before which the number of Gaussians stays
-    coarse_min_side: int = 128  #: smaller frames are fitted at full resolution only, px
 
 
 def _falling(spent: float) -> float:

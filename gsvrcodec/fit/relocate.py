@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
+from itertools import compress
 
 import cv2
 import numpy as np
@@ -10,7 +12,6 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, Frames, some_frames
 from gsvrcodec.fit.parameters import Parameters
-from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.tuned import EFFECT, RELOCATION
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY
@@ -19,8 +20,17 @@ from gsvrcodec.render.backend import Backend, Size
 from gsvrcodec.render.order import drawing_order
 
 
+def sums_at(
+    gop: Gop, taus: Float32Array, size: Size, coded_size: Size, backend: Backend
+) -> Iterator[tuple[float, Float32Array]]:
+    """Yield normalised times, and the sums (h, w, 4) of a GOP then."""
+    prepared = backend.prepare(gop)
+    for tau in taus.tolist():
+        yield tau, backend.sums(prepared, tau, size, coded_size)
+
+
 def effects(
-    gop: Gop, drawn: Gop, taus: Float32Array, size: Size, coded_size: Size, backend: Backend
+    gop: Gop, pictures: Iterable[tuple[float, Float32Array]], coded_size: Size
 ) -> NDArray[np.float64]:
     """Squared change of the picture without each Gaussian, about.
 
@@ -31,21 +41,17 @@ def effects(
 
     Args:
         gop: N Gaussians.
-        drawn: These and all others of the pictures.
-        taus: (F,) normalised times of the frames.
-        size: Width and height that pictures are drawn at, pixels.
+        pictures: Normalised times, and the sums (h, w, 4) of these Gaussians and all others
+            then; see `sums_at`.
         coded_size: Width and height of the coded frame, pixels.
-        backend: Draws.
 
     Returns:
         (N,) 0 for Gaussians that do not reach into the frame at the times that are looked at.
     """
-    prepared = backend.prepare(drawn)
     total = np.zeros(len(gop))
-    for tau in taus[some_frames(len(taus), EFFECT.frames)]:
-        sums = backend.sums(prepared, float(tau), size, coded_size).astype(np.float64)
-        x, y, own = _weights(gop, float(tau), size, coded_size)
-        there = sums[y, x]
+    for tau, sums in pictures:
+        x, y, own = _weights(gop, tau, (sums.shape[1], sums.shape[0]), coded_size)
+        there = sums[y, x].astype(np.float64)
         weight = there[:, 3] + GROUND
         share = np.minimum(own / weight, EFFECT.most_share)
         apart = there[:, :3] / weight[:, None] - gop.colour
@@ -122,7 +128,10 @@ def relocate(
     taken = np.arange(len(parameters.raw["position"]))
     if leaving:
         size = frames.shape[2], frames.shape[1]
-        taken = np.sort(_weakest_first(parameters, taus, size, coded_size)[leaving:])
+        shown = some_frames(len(taus), EFFECT.frames)
+        pictures = sums_at(parameters.drawn(), taus[shown], size, coded_size, parameters.backend)
+        weakest = np.argsort(effects(parameters.gop(), pictures, coded_size), kind="stable")
+        taken = np.sort(weakest[leaving:])
     if more:
         # Copies that hardly show are the weakest, so that they move.
         taken = np.concatenate([np.zeros(added, np.intp), taken])
@@ -145,10 +154,13 @@ def move_weakest(
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = parameters.gop()
     size = frames.shape[2], frames.shape[1]
-    weakest = _weakest_first(parameters, taus, size, coded_size)[:count]
     shown = some_frames(len(frames), RELOCATION.frames)
-    prepared = parameters.backend.prepare(parameters.drawn())
-    sums = [parameters.backend.sums(prepared, float(tau), size, coded_size) for tau in taus[shown]]
+    drawn, backend = parameters.drawn(), parameters.backend
+    pictures = list(sums_at(drawn, taus[shown], size, coded_size, backend))
+    looked_at = np.isin(shown, some_frames(len(frames), EFFECT.frames))
+    found = effects(gop, compress(pictures, looked_at), coded_size)
+    weakest = np.argsort(found, kind="stable")[:count]
+    sums = [own for _, own in pictures]
     errors = [_error(own, frames[i]) for own, i in zip(sums, shown, strict=True)]
     bounds = np.cumsum([error.sum() for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
@@ -181,16 +193,6 @@ def move_weakest(
     return weakest
 
 
-def _weakest_first(
-    parameters: Parameters, taus: Float32Array, size: tuple[int, int], coded_size: tuple[int, int]
-) -> NDArray[np.intp]:
-    """Numbers of the Gaussians: first those without which the picture changes least."""
-    found = effects(
-        parameters.gop(), parameters.drawn(), taus, size, coded_size, parameters.backend
-    )
-    return np.argsort(found, kind="stable")
-
-
 def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.intp]:
     """Put the Gaussians in rendering order, in place; return the index that each had before."""
     now = parameters.tensors()
@@ -202,8 +204,13 @@ def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.i
 
 def _error(sums: Float32Array, wanted: Frames) -> NDArray[np.float64]:
     """Squared error around each pixel, (h, w), above zero; of sums (h, w, 4)."""
-    picture = np.clip(sums[..., :3] / (sums[..., 3:] + GROUND), 0, 1)
-    squares = over_channels(np.square(255 * picture - wanted))
+    *colours, weight = cv2.split(sums)
+    factor, squares = 255 / (weight + GROUND), np.zeros_like(weight)
+    for channel, plane in enumerate(colours):
+        np.multiply(plane, factor, out=plane)
+        np.clip(plane, 0, 255, out=plane)
+        np.subtract(plane, wanted[..., channel], out=plane)
+        cv2.accumulateSquare(plane, squares)
     blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error

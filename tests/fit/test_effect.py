@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.precision import sensitivities, still
-from gsvrcodec.fit.relocate import effects, losses
+from gsvrcodec.fit.relocate import effects, losses, sums_at
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, select_gaussians, static_gop
 from tests.fit.synthetic import BACKEND, footage
@@ -59,7 +59,8 @@ def ranks(values: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def effects_of(gop: Gop, behind: Gop) -> NDArray[np.float64]:
-    return effects(gop, append_gaussians(gop, behind), NOW, SIZE, SIZE, BACKEND)
+    drawn = append_gaussians(gop, behind)
+    return effects(gop, sums_at(drawn, NOW, SIZE, SIZE, BACKEND), SIZE)
 
 
 def losses_of(gop: Gop, frames: Frames, behind: Gop | None) -> NDArray[np.float64]:
@@ -98,7 +99,7 @@ class TestEffects:
         gop.linear[1] = 0.8, 0.0
         taus = np.array([-1, 0, 1], np.float32)
         drawn = append_gaussians(gop, covering())
-        found = effects(gop, drawn, taus, SIZE, SIZE, BACKEND)
+        found = effects(gop, sums_at(drawn, taus, SIZE, SIZE, BACKEND), SIZE)
         assert (found > 0).tolist() == [False, True]
 
     def test_what_is_alone_counts_most(self) -> None:
@@ -106,7 +107,7 @@ class TestEffects:
         gop = crowd(3)
         gop.position[:] = (-0.5, 0), (0.5, 0), (0.5, 0)
         gop.log_scale[:], gop.log_opacity[:], gop.colour[:] = 1.0, 0.0, 0.7
-        found = effects(gop, gop, NOW, SIZE, SIZE, BACKEND)
+        found = effects(gop, sums_at(gop, NOW, SIZE, SIZE, BACKEND), SIZE)
         assert found[0] > 100 * found[1:].max()
 
 

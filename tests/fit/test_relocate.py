@@ -8,7 +8,7 @@ import pytest
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.recipe import Deform
-from gsvrcodec.fit.relocate import effects, relocate
+from gsvrcodec.fit.relocate import effects, relocate, sums_at
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.metrics import squared_error
@@ -122,7 +122,7 @@ def test_the_weakest_leave() -> None:
     parameters = started(frames, 300)
     parameters.raw["log_opacity"].data[20:50] = -11
     before = parameters.gop()
-    found = effects(before, before, times(2), (40, 30), (40, 30), BACKEND)
+    found = effects(before, sums_at(before, times(2), (40, 30), (40, 30), BACKEND), (40, 30))
     args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
     order, new = relocate(parameters, *args, more=-30)
     after = parameters.gop()
