@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import fmean
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from gsvrcodec.fit.recipe import MAIN, FitOptions
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import EFFORT, PRICE, STAGED
-from gsvrcodec.metrics import psnr
+from gsvrcodec.metrics import MAX_PSNR
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend
@@ -147,5 +148,5 @@ def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:
     for begin in range(0, len(footage.frames), EFFORT.measured_frames):
         part = slice(begin, begin + EFFORT.measured_frames)
         pictures = backend.render(prepared, footage.taus[part], footage.size, footage.size)
-        values += map(psnr, pictures, footage.frames[part])
-    return fmean(values)
+        values += map(cv2.PSNR, pictures, footage.frames[part])
+    return fmean(min(MAX_PSNR, value) for value in values)

@@ -27,6 +27,8 @@ from gsvrcodec.render.backend import Samples
 
 #: Steps after which their pace is known.
 _PACE_STEPS = 10
+#: Steps that are taken at the same paces of Gaussians, which change slowly.
+_PACED_STEPS = 8
 
 
 class Effort:
@@ -139,6 +141,8 @@ class _Descent:
         self._adam = Adam(parameters.raw, recipe, footage.size, parameters.backend)
         self._order = visits(len(footage.frames), rng)
         self._settled = 0  # so many steps have to be taken before another relocation
+        self._paces: Tensors = {}
+        self._paced = 0  # so many steps may still be taken at them
 
     def relocate(self, spent: float) -> None:
         """Move the weakest Gaussians, and add or drop as many as the slope calls for."""
@@ -187,13 +191,18 @@ class _Descent:
         warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
         with parameters.about_middle(gradients):
             factor = recipe.decay(spent) * patience * warm_up
-            self._adam.step(gradients, factor, tensors, paces(parameters, recipe, size))
+            if not self._paced:
+                self._paces = paces(parameters, recipe, size)
+                self._paced = _PACED_STEPS
+            self._paced -= 1
+            self._adam.step(gradients, factor, tensors, self._paces)
         parameters.limit()
         effort.advance()
 
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Follow the parameters, which were put into another order."""
         self._adam.rearrange(order, moved)
+        self._paced = 0
         if self._price is not None:
             self._price.forget()
 

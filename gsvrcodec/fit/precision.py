@@ -23,6 +23,9 @@ from gsvrcodec.render.backend import Backend
 #: 8-bit codes squared, mean of the channels: the unit that quality is measured in.
 _CODES = 255.0**2 / 3
 
+#: The eight signs that a byte stands for, (256, 8): quicker to look up than to compute.
+_SIGNS = 2 * np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).astype(np.float32) - 1
+
 
 def sensitivities(
     footage: Footage,
@@ -114,10 +117,9 @@ def _sum_of_squares(gradients: Iterable[Gop]) -> Gop:
 
 def noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
     """Return ones of random sign."""
-    count = int(np.prod(shape))
-    bits = np.unpackbits(np.frombuffer(rng.bytes(-(-count // 8)), np.uint8), count=count)
-    noise: NDArray[np.float32] = (2 * bits.astype(np.float32) - 1).reshape(shape)
-    return noise
+    count = math.prod(shape)
+    drawn = np.frombuffer(rng.bytes(-(-count // 8)), np.uint8)
+    return np.take(_SIGNS, drawn, axis=0).ravel()[:count].reshape(shape)
 
 
 def usual_qscale(pixels: int, gaussians: int, psnr: float) -> float:
