@@ -40,6 +40,14 @@ class Parameters:
 # Gaussians have their scales, `mean` says that pictures are means and not sums, and `threads` = 0
 # means GSVR_THREADS or all cores.
 
+class Backdrop:
+    """Sums (H, W, 4) float32 that are added to those of frames of this size; a copy.
+
+    For the instruction set that is in use when it is made.
+    """
+
+    def __init__(self, sums: Array) -> None: ...
+
 def render_rgb8(
     parameters: Parameters,
     taus: Array,
@@ -93,11 +101,11 @@ def backward_float(
     mean: bool,
     gradient: Parameters,
     threads: int,
-    backdrop: Array | None = None,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Write the gradients of sum(frame * weights) to `gradient`; `weights` is (H, W, 3) float32.
 
-    The backdrop, (H, W, 4) float32, is added to the sums.
+    The backdrop is added to the sums.
     """
 
 def squared_error(
@@ -109,7 +117,7 @@ def squared_error(
     mean: bool,
     gradient: Parameters,
     threads: int,
-    backdrop: Array | None = None,
+    backdrop: Backdrop | None = None,
 ) -> float:
     """Return the mean squared error of a frame, clamped to [0, 1], and write its gradients.
 
@@ -122,7 +130,7 @@ def squared_error(
         mean: see above.
         gradient: receives the gradients. The gradient of the clamp counts as 1 everywhere.
         threads: see above.
-        backdrop: (H, W, 4) float32, added to the sums.
+        backdrop: added to the sums.
     """
 
 def adam_step(

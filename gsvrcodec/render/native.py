@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
@@ -122,6 +123,10 @@ class NativeBackend(Backend):
             backdrop,
         )
         return error, gradients
+
+    def upload(self, samples: NDArray[Any]) -> Samples:
+        """Return what the core takes: sums, (H, W, 4), as a backdrop."""
+        return _core.Backdrop(samples) if samples.shape[-1] == 4 else samples
 
     def adam_step(
         self,

@@ -236,7 +236,7 @@ def native_gradients(
         example.mean,
         parameters(gradient),
         threads,
-        backdrop,
+        None if backdrop is None else _core.Backdrop(backdrop),
     )
     return {name: getattr(gradient, name) for name in Gop.__slots__}
 

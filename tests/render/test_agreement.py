@@ -87,7 +87,7 @@ def test_squared_error(name: str, blending: Blending, isa: str, backdrop: bool) 
         example.mean,
         parameters(gradient),
         2,
-        behind,
+        None if behind is None else _core.Backdrop(behind),
     )
     assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
     examples.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)

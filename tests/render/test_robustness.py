@@ -162,7 +162,7 @@ def test_wrong_sizes_fail() -> None:
     with pytest.raises(ValueError, match="backdrop must have the size"):
         _core.backward_float(
             *(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, True, gop, 1),
-            np.zeros((4, 5, 4), np.float32),
+            _core.Backdrop(np.zeros((4, 5, 4), np.float32)),
         )
 
 

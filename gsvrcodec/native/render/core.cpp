@@ -61,32 +61,58 @@ void render_sums(const Scene &scene, const float *taus, int frames, int threads,
     render(scene, taus, frames, threads, out, kSums, row, &Kernels::to_sums);
 }
 
+Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {
+    const GopArrays none{};
+    const RenderCall call(none, size, size, true, false);
+    std::size_t floats = 0;
+    for (const PyramidLevel &level : call.levels) floats += level.floats();
+    float *pictures = pictures_.reserve(floats);
+    std::fill_n(pictures, floats, 0.0f);
+    const int rows = std::max(lanes_ / kStripWidth, 1);  // of a vector
+    const std::size_t strip =
+        static_cast<std::size_t>(call.levels[0].bands()) * call.levels[0].band_rows * kRowFloats;
+    for (int y = 0; y < size.height; ++y)
+        for (int x = 0; x < size.width; ++x, sums += kSums) {
+            float *p = pictures + x / kStripWidth * strip + y / rows * rows * kRowFloats +
+                       y % rows * kStripWidth + x % kStripWidth;
+            for (int c = 0; c < kSums; ++c) p[c * rows * kStripWidth] = sums[c];
+        }
+}
+
+namespace {
+
+// What a frame is drawn over: a picture that is as that of static splats.
+StaticPyramid drawn(const Backdrop *backdrop, const GopArrays &gop) {
+    if (!backdrop) return {};
+    return {backdrop->pictures(), blocks(gop), 0};
+}
+
+}  // namespace
+
 void backward_float(const Scene &scene, float tau, int threads, const float *weights,
-                    const float *backdrop, const GopArrays &gradient) {
+                    const Backdrop *backdrop, const GopArrays &gradient) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
-    const FrameRenderer renderer(call, tau, threads, *space);
+    const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
     // The gradient of a sum does not depend on the picture.
     renderer.backward(call.mean, gradient, [&](int, RowRange rows, const Pixels &pixels) {
         const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
-        const float *behind = call.mean && backdrop ? backdrop + kSums * first : nullptr;
-        call.kernels.from_float(weights + 3 * first, behind, renderer.frame(), rows, pixels);
+        call.kernels.from_float(weights + 3 * first, renderer.frame(), rows, pixels);
     });
 }
 
 double squared_error(const Scene &scene, float tau, int threads, const std::uint8_t *target,
-                     const float *backdrop, const GopArrays &gradient) {
+                     const Backdrop *backdrop, const GopArrays &gradient) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
-    const FrameRenderer renderer(call, tau, threads, *space);
+    const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
     double *sums = space->sums.reserve(call.levels[0].bands());
     const double samples = 3.0 * call.size.width * call.size.height;
     renderer.backward(true, gradient, [&](int index, RowRange rows, const Pixels &pixels) {
         const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
         sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + 3 * first,
-                                            backdrop ? backdrop + kSums * first : nullptr,
                                             static_cast<float>(2.0 / samples));
     });
     double total = 0.0;

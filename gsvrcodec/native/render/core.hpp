@@ -4,11 +4,29 @@
 #include <cstdint>
 
 #include "kernels.hpp"
+#include "workspace.hpp"
 
 namespace gsvr {
 
 struct Size {
     int width, height;
+};
+
+// Sums that are added to those of frames, which lie in memory as the frames' own do.
+class Backdrop {
+   public:
+    // `sums` is (height, width, 4).
+    Backdrop(const float *sums, Size);
+    Size size() const { return size_; }
+    // Of all levels, finest first, for `Pixels`; the coarser ones are zero.
+    const float *pictures() const { return pictures_.get(); }
+    // Floats of a vector of the kernels that it was made for.
+    int lanes() const { return lanes_; }
+
+   private:
+    const Size size_;
+    const int lanes_;
+    Buffer<float> pictures_;
 };
 
 // What pictures are made of and how: a GOP; the size to render at; the size in whose pixels the
@@ -29,15 +47,15 @@ void render_float(const Scene &, const float *taus, int frames, int threads, flo
 void render_sums(const Scene &, const float *taus, int frames, int threads, float *out);
 
 // Writes the gradients of sum(frame * weights) of one frame; `weights` is (height, width, 3).
-// `backdrop`, if not null, is (height, width, 4), and is added to the sums.
+// `backdrop` may be null.
 void backward_float(const Scene &, float tau, int threads, const float *weights,
-                    const float *backdrop, const GopArrays &gradient);
+                    const Backdrop *backdrop, const GopArrays &gradient);
 
 // Returns the mean squared error of the frame, clamped to [0, 1], against `target`, and writes the
 // gradients of the error; the gradient of the clamp counts as 1 everywhere. `target` is
 // (height, width, 3); `backdrop` as above.
 double squared_error(const Scene &, float tau, int threads, const std::uint8_t *target,
-                     const float *backdrop, const GopArrays &gradient);
+                     const Backdrop *backdrop, const GopArrays &gradient);
 
 // The state of Adam for n parameters. The learning rate of parameter i is rate[i % period].
 struct Adam {

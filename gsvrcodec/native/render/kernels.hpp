@@ -130,15 +130,12 @@ struct Kernels {
     void (*to_planes8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
     void (*to_float)(Pixels, const Frame &, RowRange rows, float *out);
     void (*to_sums)(Pixels, const Frame &, RowRange rows, float *out);
-    // Replaces the pixels of the rows by the gradient of sum(weights * picture). The backdrop, four
-    // sums a pixel, is added to the pixels first; it may be null.
-    void (*from_float)(const float *weights, const float *backdrop, const Frame &, RowRange rows,
-                       Pixels);
+    // Replaces the pixels of the rows by the gradient of sum(weights * picture).
+    void (*from_float)(const float *weights, const Frame &, RowRange rows, Pixels);
     // Replaces the pixels of the rows by the gradient of sum(scale / 2 * square(clamp(picture) -
-    // target)), in which that of the clamp counts as 1, and returns the sum of the squares. The
-    // backdrop as above.
+    // target)), in which that of the clamp counts as 1, and returns the sum of the squares.
     double (*residual)(Pixels, const Frame &, RowRange rows, const std::uint8_t *target,
-                       const float *backdrop, float scale);
+                       float scale);
     // Writes the moments of the splats of one layer from the gradient of the pixels of one band.
     void (*gather_moments)(const SplatLayer &, RowRange band, Pixels, Moments *);
     // Computes the gradients of the Gaussians of the blocks [begin, end) from the moments of all

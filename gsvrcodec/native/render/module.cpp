@@ -2,7 +2,6 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/map.h>
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -150,40 +149,44 @@ void render_sums(const Parameters &parameters, Times taus, Pictures<float> out, 
                                     coded_height, mean, threads);
 }
 
-using Backdrop =
-    std::optional<nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>>;
+using Sums = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
+void init_backdrop(gsvr::Backdrop *self, Sums sums) {
+    const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
+    nb::gil_scoped_release release;
+    new (self) gsvr::Backdrop(sums.data(), size);
+}
 
-// The samples of a backdrop that fits the picture; null if there is none.
-const float *checked(const Backdrop &backdrop, gsvr::Size size) {
-    if (!backdrop) return nullptr;
-    require(backdrop->shape(0) == static_cast<std::size_t>(size.height) &&
-                backdrop->shape(1) == static_cast<std::size_t>(size.width),
+// Checks that a backdrop fits the picture; null = none.
+void check(const gsvr::Backdrop *backdrop, gsvr::Size size) {
+    if (!backdrop) return;
+    require(backdrop->size().height == size.height && backdrop->size().width == size.width,
             "the backdrop must have the size of the picture");
-    return backdrop->data();
+    require(backdrop->lanes() == gsvr::kernels().lanes,
+            "the backdrop was made for another instruction set");
 }
 
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
                     int coded_width, int coded_height, bool mean, const Parameters &gradient,
-                    int threads, const Backdrop &backdrop) {
+                    int threads, const gsvr::Backdrop *backdrop) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
     const gsvr::Scene scene{parameters.arrays, checked(weights.shape(1), weights.shape(0)),
                             checked(coded_width, coded_height), mean};
-    const float *behind = checked(backdrop, scene.size);
+    check(backdrop, scene.size);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::backward_float(scene, tau, threads, weights.data(), behind, gradient.arrays);
+    gsvr::backward_float(scene, tau, threads, weights.data(), backdrop, gradient.arrays);
 }
 
 double squared_error(const Parameters &parameters, float tau, Image<const std::uint8_t> target,
                      int coded_width, int coded_height, bool mean, const Parameters &gradient,
-                     int threads, const Backdrop &backdrop) {
+                     int threads, const gsvr::Backdrop *backdrop) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
     const gsvr::Scene scene{parameters.arrays, checked(target.shape(1), target.shape(0)),
                             checked(coded_width, coded_height), mean};
-    const float *behind = checked(backdrop, scene.size);
+    check(backdrop, scene.size);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    return gsvr::squared_error(scene, tau, threads, target.data(), behind, gradient.arrays);
+    return gsvr::squared_error(scene, tau, threads, target.data(), backdrop, gradient.arrays);
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
@@ -227,6 +230,7 @@ NB_MODULE(_core, m) {
              exact("position"), exact("log_scale"), exact("rotation"), exact("colour"),
              exact("log_opacity"), exact("indicator"), exact("linear"), exact("quadratic"),
              exact("xy"), exact("xt"), exact("yt"));
+    nb::class_<gsvr::Backdrop>(m, "Backdrop").def("__init__", &init_backdrop, "sums"_a);
     m.def("render_rgb8", &render_rgb8, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
           "coded_height"_a, "mean"_a, "threads"_a);
     m.def("render_planes8", &render_planes8, "parameters"_a, "taus"_a, exact("out"),
@@ -236,9 +240,9 @@ NB_MODULE(_core, m) {
     m.def("render_sums", &render_sums, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
           "coded_height"_a, "mean"_a, "threads"_a);
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
-          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
+          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
-          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a = nb::none());
+          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
           exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
 }

@@ -139,24 +139,6 @@ void to_sums(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
     });
 }
 
-// Adds the backdrop, four interleaved sums a pixel, to eight pixels.
-static inline void add_backdrop(const float *backdrop, int samples, float *red) {
-    float padded[kSums * kStripWidth] = {};
-    if (samples < kStripWidth) {
-        for (int i = 0; i < kSums * samples; ++i) padded[i] = backdrop[i];
-        backdrop = padded;
-    }
-    const v8 a = load8(backdrop), b = load8(backdrop + 8), c = load8(backdrop + 16),
-             d = load8(backdrop + 24);
-    const v8 ab = __builtin_shufflevector(a, b, 0, 4, 8, 12, 1, 5, 9, 13);
-    const v8 cd = __builtin_shufflevector(c, d, 0, 4, 8, 12, 1, 5, 9, 13);
-    const v8 ef = __builtin_shufflevector(a, b, 2, 6, 10, 14, 3, 7, 11, 15);
-    const v8 gh = __builtin_shufflevector(c, d, 2, 6, 10, 14, 3, 7, 11, 15);
-    const v8 sums[kSums] = {low_halves(ab, cd), high_halves(ab, cd), low_halves(ef, gh),
-                            high_halves(ef, gh)};
-    for (int k = 0; k < kSums; ++k, red += kChannelFloats) store8(red, load8(red) + sums[k]);
-}
-
 // Replaces the sums of eight pixels by the gradient of sum(weights * colours), where `weights` are
 // of red, green and blue, and `colours` and `factor` those of the pixels.
 static inline void store_gradient(const Frame &frame, const v8 *weights, const v8 *colours,
@@ -170,14 +152,12 @@ static inline void store_gradient(const Frame &frame, const v8 *weights, const v
     store8(red + 3 * kChannelFloats, frame.mean ? of_weight : v8{});
 }
 
-void from_float(const float *weights, const float *backdrop, const Frame &frame, RowRange rows,
-                Pixels pixels) {
+void from_float(const float *weights, const Frame &frame, RowRange rows, Pixels pixels) {
     const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
     for_strip_rows(
         pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
             const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(row) * frame.width + x;
             if (row >= rows.end - rows.begin) samples = 0;
-            if (backdrop) add_backdrop(backdrop + first * kSums, samples, red);
             const v8 factor = sums_to_colours(frame, red);
             v8 wanted[3] = {}, colours[3];
             for (int c = 0; c < 3; ++c) {
@@ -189,7 +169,7 @@ void from_float(const float *weights, const float *backdrop, const Frame &frame,
 }
 
 double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uint8_t *target,
-                const float *backdrop, float scale) {
+                float scale) {
     double total = 0.0;
     const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
     v8 squares{};
@@ -209,7 +189,6 @@ double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uin
                 for (int i = 0; i < samples; ++i) inside[i] = -1;
                 wanted = load_rgb(bytes);
             }
-            if (backdrop) add_backdrop(backdrop + first * kSums, samples, red);
             const v8 factor = sums_to_colours(frame, red);
             v8 weights[3], colours[3];
             for (int c = 0; c < 3; ++c) {
