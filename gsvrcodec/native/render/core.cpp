@@ -64,16 +64,15 @@ void render_sums(const Scene &scene, const float *taus, int frames, int threads,
 Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {
     const GopArrays none{};
     const RenderCall call(none, size, size, true, false);
-    std::size_t floats = 0;
-    for (const PyramidLevel &level : call.levels) floats += level.floats();
-    float *pictures = pictures_.reserve(floats);
-    std::fill_n(pictures, floats, 0.0f);
+    const std::size_t floats = call.levels[0].floats();
+    float *picture = picture_.reserve(floats);
+    std::fill_n(picture, floats, 0.0f);
     const int rows = std::max(lanes_ / kStripWidth, 1);  // of a vector
     const std::size_t strip =
         static_cast<std::size_t>(call.levels[0].bands()) * call.levels[0].band_rows * kRowFloats;
     for (int y = 0; y < size.height; ++y)
         for (int x = 0; x < size.width; ++x, sums += kSums) {
-            float *p = pictures + x / kStripWidth * strip + y / rows * rows * kRowFloats +
+            float *p = picture + x / kStripWidth * strip + y / rows * rows * kRowFloats +
                        y % rows * kStripWidth + x % kStripWidth;
             for (int c = 0; c < kSums; ++c) p[c * rows * kStripWidth] = sums[c];
         }
@@ -84,7 +83,7 @@ namespace {
 // What a frame is drawn over: a picture that is as that of static splats.
 StaticPyramid drawn(const Backdrop *backdrop, const GopArrays &gop) {
     if (!backdrop) return {};
-    return {backdrop->pictures(), blocks(gop), 0};
+    return {backdrop->picture(), 1, blocks(gop), 0};
 }
 
 }  // namespace

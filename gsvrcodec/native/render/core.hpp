@@ -18,15 +18,15 @@ class Backdrop {
     // `sums` is (height, width, 4).
     Backdrop(const float *sums, Size);
     Size size() const { return size_; }
-    // Of all levels, finest first, for `Pixels`; the coarser ones are zero.
-    const float *pictures() const { return pictures_.get(); }
+    // Of level 0, for `Pixels`.
+    const float *picture() const { return picture_.get(); }
     // Floats of a vector of the kernels that it was made for.
     int lanes() const { return lanes_; }
 
    private:
     const Size size_;
     const int lanes_;
-    Buffer<float> pictures_;
+    Buffer<float> picture_;
 };
 
 // What pictures are made of and how: a GOP; the size to render at; the size in whose pixels the

@@ -164,7 +164,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
 
 StaticPyramid FrameRenderer::draw_static_pyramid() const {
     double static_area = 0.0, area_sum = 0.0;
-    StaticPyramid drawn{nullptr, 0, 0};
+    StaticPyramid drawn{nullptr, 0, 0, 0};
     const int count = blocks(call_.gop);
     for (int block = 0; block < count; ++block) {
         const Splats &s = space_.splats.get()[block];
@@ -187,6 +187,7 @@ StaticPyramid FrameRenderer::draw_static_pyramid() const {
         });
     }
     drawn.pictures = pictures;
+    drawn.levels = kLevels;
     return drawn;
 }
 
@@ -227,7 +228,7 @@ void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixe
         const std::size_t row = static_cast<std::size_t>(strip) * of.rows + rows.begin;
         return of.data + (row - of.first_row) * kRowFloats;
     };
-    if (static_pyramid_.pictures) {
+    if (level < static_pyramid_.levels) {
         const Pixels drawn = static_picture(level);
         for (int strip = 0; strip < own.strips(); ++strip)
             std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
@@ -241,7 +242,7 @@ void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixe
 void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixels) const {
     const PyramidLevel &own = call_.levels[level];
     // Upsampling adds the static splats as it writes the band, and there may be none.
-    const bool drawn = static_pyramid_.pictures, upsampled = level < coarsest_;
+    const bool drawn = level < static_pyramid_.levels, upsampled = level < coarsest_;
     const bool any = drawn || !layers_[kLevels + level].empty();
     if (!upsampled || (any && !drawn)) set_static_band(level, rows, pixels);
     if (upsampled) {

@@ -139,72 +139,117 @@ void to_sums(Pixels pixels, const Frame &frame, RowRange rows, float *out) {
     });
 }
 
-// Replaces the sums of eight pixels by the gradient of sum(weights * colours), where `weights` are
-// of red, green and blue, and `colours` and `factor` those of the pixels.
-static inline void store_gradient(const Frame &frame, const v8 *weights, const v8 *colours,
-                                  v8 factor, float *red) {
-    v8 of_weight{};
+// The pixels of a strip in one vector step, as wide as registers are: their rows follow each other.
+#if GSVR_LANES == 16
+typedef vf wide;
+typedef vi wide_int;
+static inline wide_int joined(const i8 *rows) {
+    return __builtin_shufflevector(rows[0], rows[1], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13,
+                                   14, 15);
+}
+static inline wide load_wide(const float *p) { return load(p); }
+static inline void store_wide(float *p, wide v) { store(p, v); }
+static inline wide clamped(wide v) { return min(max(v, wide{}), 1.0f - wide{}); }
+static inline float sum_wide(wide v) { return sum(v); }
+#else
+typedef v8 wide;
+typedef i8 wide_int;
+static inline wide_int joined(const i8 *rows) { return rows[0]; }
+static inline wide load_wide(const float *p) { return load8(p); }
+static inline void store_wide(float *p, wide v) { store8(p, v); }
+static inline float sum_wide(wide v) { return sum8(v); }
+#endif
+
+// The factor that turns the sums of pixels into their colours.
+static inline wide wide_factor(const Frame &frame, const float *red) {
+    const wide one = 1.0f - wide{};
+    return frame.mean ? one / (load_wide(red + 3 * kChannelFloats) + kGround) : one;
+}
+
+// Replaces the sums of pixels by the gradient of sum(weights * colours), where `weights` are of
+// red, green and blue, and `colours` and `factor` those of the pixels.
+static inline void store_gradient(const Frame &frame, const wide *weights, const wide *colours,
+                                  wide factor, float *red) {
+    wide of_weight{};
     for (int c = 0; c < 3; ++c) {
-        const v8 gradient = weights[c] * factor;
-        store8(red + c * kChannelFloats, gradient);
+        const wide gradient = weights[c] * factor;
+        store_wide(red + c * kChannelFloats, gradient);
         of_weight -= gradient * colours[c];
     }
-    store8(red + 3 * kChannelFloats, frame.mean ? of_weight : v8{});
+    store_wide(red + 3 * kChannelFloats, frame.mean ? of_weight : wide{});
+}
+
+// Calls body(x, first, red) for each vector step of each strip: pixels from column x on in the rows
+// of the step, which begin at `first`, counted from rows.begin; the red of the first is at `red`.
+template <class Body>
+static inline void for_steps_of_strips(const Pixels &pixels, const Frame &frame, RowRange rows,
+                                       Body body) {
+    const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
+    for (int row = rows.begin; row < rows.end; row += kVectorRows) {
+        float *red = pixels.data + static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
+        for (int x = 0; x < frame.width; x += kStripWidth, red += strip)
+            body(x, row - rows.begin, red);
+    }
 }
 
 void from_float(const float *weights, const Frame &frame, RowRange rows, Pixels pixels) {
-    const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
-    for_strip_rows(
-        pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-            const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(row) * frame.width + x;
-            if (row >= rows.end - rows.begin) samples = 0;
-            const v8 factor = sums_to_colours(frame, red);
-            v8 wanted[3] = {}, colours[3];
-            for (int c = 0; c < 3; ++c) {
-                colours[c] = load8(red + c * kChannelFloats) * factor;
-                for (int i = 0; i < samples; ++i) wanted[c][i] = weights[3 * (first + i) + c];
-            }
-            store_gradient(frame, wanted, colours, factor, red);
-        });
+    for_steps_of_strips(pixels, frame, rows, [&](int x, int first, float *red) {
+        const int samples = min(kStripWidth, frame.width - x);
+        alignas(64) float planes[3][kVectorRows * kStripWidth] = {};
+        for (int k = 0; k < min(kVectorRows, rows.end - rows.begin - first); ++k) {
+            const float *p =
+                weights + (static_cast<std::ptrdiff_t>(first + k) * frame.width + x) * 3;
+            for (int i = 0; i < samples; ++i)
+                for (int c = 0; c < 3; ++c) planes[c][k * kStripWidth + i] = p[3 * i + c];
+        }
+        const wide factor = wide_factor(frame, red);
+        wide wanted[3], colours[3];
+        for (int c = 0; c < 3; ++c) {
+            colours[c] = load_wide(red + c * kChannelFloats) * factor;
+            wanted[c] = load_wide(planes[c]);
+        }
+        store_gradient(frame, wanted, colours, factor, red);
+    });
 }
 
 double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uint8_t *target,
                 float scale) {
     double total = 0.0;
-    const int padded = (rows.end + kVectorRows - 1) / kVectorRows * kVectorRows;
-    v8 squares{};
-    for_strip_rows(
-        pixels, frame, {rows.begin, padded}, [&](int row, int x, int samples, float *red) {
-            const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(row) * frame.width + x;
-            const std::uint8_t *p = target + 3 * first;
-            if (row >= rows.end - rows.begin) samples = 0;
-            i8 wanted{}, inside{};
+    wide squares{};
+    for_steps_of_strips(pixels, frame, rows, [&](int x, int first, float *red) {
+        const int samples = min(kStripWidth, frame.width - x);
+        i8 codes[kVectorRows] = {}, inside_row[kVectorRows] = {};
+        for (int k = 0; k < min(kVectorRows, rows.end - rows.begin - first); ++k) {
+            const std::uint8_t *p =
+                target + (static_cast<std::ptrdiff_t>(first + k) * frame.width + x) * 3;
             if (samples == kStripWidth) {
-                wanted = load_rgb(p);
-                inside = ~inside;
-            } else {
-                // Pixels beyond the frame get the residual 0.
-                std::uint8_t bytes[3 * kStripWidth] = {};
-                for (int i = 0; i < 3 * samples; ++i) bytes[i] = p[i];
-                for (int i = 0; i < samples; ++i) inside[i] = -1;
-                wanted = load_rgb(bytes);
+                codes[k] = load_rgb(p);
+                inside_row[k] = ~i8{};
+                continue;
             }
-            const v8 factor = sums_to_colours(frame, red);
-            v8 weights[3], colours[3];
-            for (int c = 0; c < 3; ++c) {
-                const v8 sample =
-                    __builtin_convertvector((wanted >> (8 * c)) & 255, v8) * (1.0f / 255.0f);
-                colours[c] = load8(red + c * kChannelFloats) * factor;
-                const v8 difference = (v8)((i8)(clamped(colours[c]) - sample) & inside);
-                weights[c] = difference * scale;
-                squares += difference * difference;
-            }
-            store_gradient(frame, weights, colours, factor, red);
-            // Single precision is exact enough for the sum of one row.
-            if (x + kStripWidth >= frame.width) {
-                total += static_cast<double>(sum8(squares));
-                squares = v8{};
-            }
-        });
+            // Pixels beyond the frame get the residual 0.
+            std::uint8_t bytes[3 * kStripWidth] = {};
+            for (int i = 0; i < 3 * samples; ++i) bytes[i] = p[i];
+            for (int i = 0; i < samples; ++i) inside_row[k][i] = -1;
+            codes[k] = load_rgb(bytes);
+        }
+        const wide_int wanted = joined(codes), inside = joined(inside_row);
+        const wide factor = wide_factor(frame, red);
+        wide weights[3], colours[3];
+        for (int c = 0; c < 3; ++c) {
+            const wide sample =
+                __builtin_convertvector((wanted >> (8 * c)) & 255, wide) * (1.0f / 255.0f);
+            colours[c] = load_wide(red + c * kChannelFloats) * factor;
+            const wide difference = (wide)((wide_int)(clamped(colours[c]) - sample) & inside);
+            weights[c] = difference * scale;
+            squares += difference * difference;
+        }
+        store_gradient(frame, weights, colours, factor, red);
+        // Single precision is exact enough for the sum of the rows of one step.
+        if (x + kStripWidth >= frame.width) {
+            total += static_cast<double>(sum_wide(squares));
+            squares = wide{};
+        }
+    });
     return total;
 }
