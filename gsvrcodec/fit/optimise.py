@@ -21,7 +21,6 @@ from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import PREDICTION, RELOCATION
-from gsvrcodec.metrics import squared_error
 from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render.backend import Samples
 
@@ -234,7 +233,8 @@ def _squared_error(parameters: Parameters, footage: Footage) -> float:
     shown = some_frames(len(frames), RELOCATION.frames)
     pictures = backend.render(backend.prepare(parameters.drawn()), footage.taus[shown], size, size)
     if parameters.background is None:
-        return fmean(map(squared_error, pictures, frames[shown]))
+        pairs = zip(pictures, frames[shown], strict=True)
+        return fmean(cv2.norm(*pair, cv2.NORM_L2SQR) / pair[0].size for pair in pairs)
     behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
     own, errors = backend.prepare(parameters.gop()), []
     for picture, index in zip(pictures, shown, strict=True):

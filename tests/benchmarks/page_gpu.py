@@ -19,8 +19,8 @@ def gpu_section(result: Json) -> Iterator[str]:
     yield f"one of {1 / share:,.0f}; gradients by {error:.1e} of their norm."
     yield ""
     yield from speeds(result)
-    yield "Whole encodes of Bunny at most 3M parameters, by `--time-budget`. The shortest one was"
-    yield "the first, and kernels were compiled in it."
+    yield "Whole encodes of Bunny at most 3M parameters, by `--time-budget`; the shortest was the"
+    yield "first of the process."
     yield ""
     yield from encodes(result)
     machine = f"{result['machine']}, torch {result['torch']}, Triton {result['triton']}"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from gsvrcodec.fit.footage import backdrop
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.precision import still
 from gsvrcodec.fit.recipe import Deform
@@ -85,6 +86,15 @@ class TestExport:
         behind = BACKEND.sums(BACKEND.prepare(bare), 0.0, SIZE, SIZE)
         np.testing.assert_allclose(alone + behind, both, atol=1e-5 * both.max())
         assert np.abs(alone - both).max() > 0.1
+        uploaded = backdrop(parameters.background, SIZE, SIZE, BACKEND)
+        assert uploaded is not None
+        whole = Parameters(parameters.drawn(), "hybrid", BACKEND)
+        errors = [
+            float(BACKEND.squared_error(each.tensors(), 0.2, target(), SIZE, one)[0])
+            for each, one in ((parameters, uploaded), (whole, None), (parameters, None))
+        ]
+        assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+        assert errors[2] != pytest.approx(errors[1], rel=1e-2)
 
     def test_sums_have_no_opacities(self, start: Gop) -> None:
         parameters = Parameters(start, "hybrid", NativeBackend(blending="sum"))

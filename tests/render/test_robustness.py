@@ -166,6 +166,21 @@ def test_wrong_sizes_fail() -> None:
         )
 
 
+@pytest.mark.parametrize("other", _core.isas()[:-1])
+def test_a_backdrop_of_other_kernels_fails(other: str) -> None:
+    """Those of "portable", the last, have vectors of another width."""
+    gop, used = parameters(examples.random_gop(2)), _core.isa()
+    how = 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, True, gop, 1
+    try:
+        _core.use_isa("portable")
+        backdrop = _core.Backdrop(np.zeros((4, 4, 4), np.float32))
+        _core.use_isa(other)
+        with pytest.raises(ValueError, match="another instruction set"):
+            _core.backward_float(gop, *how, backdrop)
+    finally:
+        _core.use_isa(used)
+
+
 def test_other_dtype_fails() -> None:
     """A converted copy would lose what is written to it."""
     gop = examples.random_gop(2)

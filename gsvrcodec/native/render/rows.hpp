@@ -58,10 +58,16 @@ static inline i8 to_codes(v8 value) {
     return __builtin_convertvector(clamped(value) * 255.0f + 0.5f, i8);
 }
 
-// The factor that turns the sums of eight pixels into their colours.
+// The factor that turns sums into colours, from the sums of the weights.
+template <class Vector>
+static inline Vector colour_factor(const Frame &frame, Vector weight) {
+    const Vector one = 1.0f - Vector{};
+    return frame.mean ? one / (weight + kGround) : one;
+}
+
+// That of eight pixels.
 static inline v8 sums_to_colours(const Frame &frame, const float *red) {
-    const v8 one = 1.0f - v8{};
-    return frame.mean ? one / (load8(red + 3 * kChannelFloats) + kGround) : one;
+    return colour_factor(frame, load8(red + 3 * kChannelFloats));
 }
 
 // Converts eight pixels to interleaved samples.
@@ -160,12 +166,6 @@ static inline void store_wide(float *p, wide v) { store8(p, v); }
 static inline float sum_wide(wide v) { return sum8(v); }
 #endif
 
-// The factor that turns the sums of pixels into their colours.
-static inline wide wide_factor(const Frame &frame, const float *red) {
-    const wide one = 1.0f - wide{};
-    return frame.mean ? one / (load_wide(red + 3 * kChannelFloats) + kGround) : one;
-}
-
 // Replaces the sums of pixels by the gradient of sum(weights * colours), where `weights` are of
 // red, green and blue, and `colours` and `factor` those of the pixels.
 static inline void store_gradient(const Frame &frame, const wide *weights, const wide *colours,
@@ -202,7 +202,7 @@ void from_float(const float *weights, const Frame &frame, RowRange rows, Pixels 
             for (int i = 0; i < samples; ++i)
                 for (int c = 0; c < 3; ++c) planes[c][k * kStripWidth + i] = p[3 * i + c];
         }
-        const wide factor = wide_factor(frame, red);
+        const wide factor = colour_factor(frame, load_wide(red + 3 * kChannelFloats));
         wide wanted[3], colours[3];
         for (int c = 0; c < 3; ++c) {
             colours[c] = load_wide(red + c * kChannelFloats) * factor;
@@ -234,7 +234,7 @@ double residual(Pixels pixels, const Frame &frame, RowRange rows, const std::uin
             codes[k] = load_rgb(bytes);
         }
         const wide_int wanted = joined(codes), inside = joined(inside_row);
-        const wide factor = wide_factor(frame, red);
+        const wide factor = colour_factor(frame, load_wide(red + 3 * kChannelFloats));
         wide weights[3], colours[3];
         for (int c = 0; c < 3; ++c) {
             const wide sample =
