@@ -72,12 +72,11 @@ def losses(gop: Gop, footage: Footage, sensitivities: Gop, backend: Backend) -> 
         backend: Draws.
     """
     drawn = gop if footage.background is None else append_gaussians(gop, footage.background)
-    prepared, size = backend.prepare(drawn), footage.size
+    taus, size = footage.taus[some_frames(len(footage.taus), EFFECT.frames)], footage.size
     most = np.zeros(len(gop))
-    for tau in footage.taus[some_frames(len(footage.taus), EFFECT.frames)]:
-        x, y, own = _weights(gop, float(tau), size, size)
-        weight = backend.sums(prepared, float(tau), size, size)[y, x, 3] + GROUND
-        most = np.maximum(most, own / weight)
+    for tau, sums in sums_at(drawn, taus, size, size, backend):
+        x, y, own = _weights(gop, tau, size, size)
+        most = np.maximum(most, own / (sums[y, x, 3] + GROUND))
     others = 1 - np.minimum(most, EFFECT.most_lost)
     return np.asarray(sensitivities.log_opacity / np.square(others))
 
