@@ -49,6 +49,21 @@ def test_order_changes_no_picture() -> None:
     assert np.abs(picture - same).max() <= 1
 
 
+def test_neighbours_in_the_picture_follow_each_other() -> None:
+    gop = random_gop(3000)
+    gop.log_scale[:] = 0
+    gop.indicator[:] = 0
+    way = np.abs(np.diff(by_level(gop).position, axis=0))
+    assert np.median(way[:, 0]) < 0.05
+    assert np.median(way[:, 1]) < 0.05
+
+
+def test_order_of_gaussians_beyond_the_frame() -> None:
+    gop = random_gop(200)
+    gop.position[::2] *= 100
+    assert sorted(by_level(gop).position.tolist()) == sorted(gop.position.tolist())
+
+
 def test_still_gaussians_come_last() -> None:
     gop = random_gop(40)
     gop.indicator[::4] = 1

@@ -15,11 +15,11 @@ from tests.render.examples import Example
 
 TAUS = np.linspace(-1, 1, 7, dtype=np.float32)
 each_blending = pytest.mark.parametrize("blending", ["mean", "sum"])
-EXAMPLES = Example(examples.random_gop(2500), (150, 200), (150, 200))
+EXAMPLES = Example(examples.random_gop(2500), (310, 90), (310, 90))
 
 
 def _weights() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    return np.random.default_rng(1).normal(size=(200, 150, 3)).astype(np.float32)
+    return np.random.default_rng(1).normal(size=(90, 310, 3)).astype(np.float32)
 
 
 @each_blending
@@ -64,7 +64,7 @@ def test_python_threads() -> None:
 
 
 def test_out_is_filled_and_returned() -> None:
-    out = np.full((len(TAUS), 200, 150, 3), 77, np.uint8)
+    out = np.full((len(TAUS), 90, 310, 3), 77, np.uint8)
     assert render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size, out=out) is out
     expected = render_frames(EXAMPLES.gop, TAUS, EXAMPLES.size, EXAMPLES.size)
     np.testing.assert_array_equal(out, expected)

@@ -9,22 +9,22 @@
 namespace gsvr {
 namespace {
 
-// `row` is the distance of the rows of a frame, in samples; `channels` how many a pixel has.
+// `channels`: samples of a pixel.
 template <class T, class ToSamples>
 void render(const Scene &scene, const float *taus, int frames, int threads, T *out,
-            std::size_t channels, std::size_t row, ToSamples Kernels::*convert) {
+            std::size_t channels, ToSamples Kernels::*convert) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, true);
     const ToSamples to_samples = call.kernels.*convert;
     const std::size_t samples = channels * call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
     StaticPyramid static_pyramid{};
-    if (frames > 1)
+    if (frames > 1 && call.separate_static)
         static_pyramid = FrameRenderer(call, taus[0], threads, *common).draw_static_pyramid();
     const auto render_one = [&](int index, int threads_of_frame, Workspace &space) {
         const FrameRenderer renderer(call, taus[index], threads_of_frame, space, static_pyramid);
-        renderer.render([&](int, RowRange rows, const Pixels &pixels) {
-            to_samples(pixels, renderer.frame(), rows, out + index * samples + rows.begin * row);
+        renderer.render([&](Tile tile, const Pixels &pixels) {
+            to_samples(pixels, renderer.frame(), tile, out + index * samples);
         });
     };
     // With enough frames, each thread renders whole frames; else the threads share each frame.
@@ -42,23 +42,20 @@ void render(const Scene &scene, const float *taus, int frames, int threads, T *o
 
 void render_rgb8(const Scene &scene, const float *taus, int frames, int threads,
                  std::uint8_t *out) {
-    const std::size_t row = std::size_t{3} * scene.size.width;
-    render(scene, taus, frames, threads, out, 3, row, &Kernels::to_rgb8);
+    render(scene, taus, frames, threads, out, 3, &Kernels::to_rgb8);
 }
 
 void render_planes8(const Scene &scene, const float *taus, int frames, int threads,
                     std::uint8_t *out) {
-    render(scene, taus, frames, threads, out, 3, scene.size.width, &Kernels::to_planes8);
+    render(scene, taus, frames, threads, out, 3, &Kernels::to_planes8);
 }
 
 void render_float(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    const std::size_t row = std::size_t{3} * scene.size.width;
-    render(scene, taus, frames, threads, out, 3, row, &Kernels::to_float);
+    render(scene, taus, frames, threads, out, 3, &Kernels::to_float);
 }
 
 void render_sums(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    const std::size_t row = std::size_t{kSums} * scene.size.width;
-    render(scene, taus, frames, threads, out, kSums, row, &Kernels::to_sums);
+    render(scene, taus, frames, threads, out, kSums, &Kernels::to_sums);
 }
 
 Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {
@@ -95,9 +92,8 @@ void backward_float(const Scene &scene, float tau, int threads, const float *wei
     FrameRenderer::reserve(call, threads, *space);
     const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
     // The gradient of a sum does not depend on the picture.
-    renderer.backward(call.mean, gradient, [&](int, RowRange rows, const Pixels &pixels) {
-        const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
-        call.kernels.from_float(weights + 3 * first, renderer.frame(), rows, pixels);
+    renderer.backward(call.mean, gradient, [&](int, Tile band, const Pixels &pixels) {
+        call.kernels.from_float(weights, renderer.frame(), band, pixels);
     });
 }
 
@@ -109,13 +105,12 @@ double squared_error(const Scene &scene, float tau, int threads, const std::uint
     const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
     double *sums = space->sums.reserve(call.levels[0].bands());
     const double samples = 3.0 * call.size.width * call.size.height;
-    renderer.backward(true, gradient, [&](int index, RowRange rows, const Pixels &pixels) {
-        const std::size_t first = static_cast<std::size_t>(rows.begin) * call.size.width;
-        sums[index] = call.kernels.residual(pixels, renderer.frame(), rows, target + 3 * first,
+    renderer.backward(true, gradient, [&](int index, Tile band, const Pixels &pixels) {
+        sums[index] = call.kernels.residual(pixels, renderer.frame(), band, target,
                                             static_cast<float>(2.0 / samples));
     });
     double total = 0.0;
-    for (int band = 0; band < call.levels[0].bands(); ++band) total += sums[band];
+    for (int index = 0; index < call.levels[0].bands(); ++index) total += sums[index];
     return total / samples;
 }
 

@@ -90,6 +90,15 @@ static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, i
     return d;
 }
 
+// A mask: the Gaussians that look the same at all times.
+static inline vi is_static(const GopArrays &gop, vf gate, const Fields<2> &linear,
+                           const Fields<2> &quadratic) {
+    vi still = (vi)(gate == 0.0f) | (gop.gx > 0 ? vi{} : ~vi{});
+    for (int k = 0; k < 2; ++k)
+        still &= (vi)(linear.column[k] == 0.0f) & (vi)(quadratic.column[k] == 0.0f);
+    return still;
+}
+
 // Projects the Gaussians [i, i + count), count <= kLanes, to the entries of `out` from l on.
 static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i, int count,
                                  Splats &out, int l) {
@@ -139,14 +148,12 @@ static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i
     store(out.x_end + l, end_inside(centre[0] + reach_x, columns) & drawn);
     store(out.row_begin + l, first_inside(centre[1] - reach_y, rows) & drawn);
     store(out.row_end + l, end_inside(centre[1] + reach_y, rows) & drawn);
-    vi dynamic = (vi)(d.gate != 0.0f) & (gop.gx > 0 ? ~vi{} : vi{});
-    for (int k = 0; k < 2; ++k)
-        dynamic |= (vi)(linear.column[k] != 0.0f) | (vi)(quadratic.column[k] != 0.0f);
-    store(out.layer + l, d.level + (frame.separate_static ? ~dynamic & kLevels : vi{}));
+    const vi still = is_static(gop, d.gate, linear, quadratic);
+    store(out.layer + l, d.level + (frame.separate_static ? still & kLevels : vi{}));
 }
 
 void project(const GopArrays &gop, const Frame &frame, int begin, int end, Splats *splats,
-             BlockRows *rows) {
+             BlockBox *boxes) {
     const FlushDenormals flush;
     for (int block = begin; block < end; ++block) {
         Splats &out = splats[block];
@@ -156,18 +163,45 @@ void project(const GopArrays &gop, const Frame &frame, int begin, int end, Splat
         }
         unsigned layers = 0;
         for (int l = 0; l < kBlock; ++l) layers |= 1u << out.layer[l];
-        BlockRows *own = rows + block;
+        BlockBox *own = boxes + block;
         for (int layer = 0; layer < kLayers; ++layer, own += blocks(gop)) {
-            own->begin = own->end = 0;
+            own->rows = own->columns = {0, 0};
             if (!(layers >> layer & 1)) continue;
-            int first = frame.height, last = 0;
+            Range rows{frame.height, 0}, columns{frame.width, 0};
             for (int l = 0; l < kBlock; ++l) {
-                const bool drawn = (out.row_begin[l] < out.row_end[l]) & (out.layer[l] == layer);
-                first = drawn ? min(first, out.row_begin[l]) : first;
-                last = drawn ? max(last, out.row_end[l]) : last;
+                const bool drawn = (out.row_begin[l] < out.row_end[l]) &
+                                   (out.x_begin[l] < out.x_end[l]) & (out.layer[l] == layer);
+                rows.begin = drawn ? min(rows.begin, out.row_begin[l]) : rows.begin;
+                rows.end = drawn ? max(rows.end, out.row_end[l]) : rows.end;
+                columns.begin = drawn ? min(columns.begin, out.x_begin[l]) : columns.begin;
+                columns.end = drawn ? max(columns.end, out.x_end[l]) : columns.end;
             }
-            own->begin = first;
-            own->end = last;
+            own->rows = rows;
+            own->columns = columns;
         }
     }
+}
+
+double static_share(const GopArrays &gop) {
+    double of_static = 0.0, of_all = 0.0;
+    for (int i = 0; i < gop.n; i += kLanes) {
+        const int count = min(gop.n - i, kLanes);
+        const Fields<2> log_scale = load_fields<2>(gop.log_scale, i, count);
+        vf log_area{}, least = broadcast(static_cast<float>(kLevels));
+        for (int k = 0; k < 2; ++k) {
+            const vf scale =
+                max(min(kLog2E * log_scale.column[k], broadcast(20.0f)), broadcast(0.0f));
+            log_area += scale;
+            least = min(least, scale);
+        }
+        const vi level = min(truncate(least), broadcast(kLevels - 1));
+        const vf area =
+            where(kLaneIndex < broadcast(count), exp2(log_area - 2.0f * to_float(level)));
+        const vf gate = 1.0f - load_fields<1>(gop.indicator, i, count).column[0];
+        const vi still = is_static(gop, gate, load_fields<2>(gop.linear, i, count),
+                                   load_fields<2>(gop.quadratic, i, count));
+        of_all += static_cast<double>(sum(area));
+        of_static += static_cast<double>(sum(where(still, area)));
+    }
+    return of_all > 0.0 ? of_static / of_all : 0.0;
 }

@@ -8,8 +8,8 @@ namespace gsvr {
 namespace {
 
 constexpr int kProjectBlocks = 128;  // blocks of Gaussians that a job projects
-// The static splats are kept as pictures if their bounding boxes have at least this share of the
-// area of all bounding boxes. Below it, the copies of the pictures cost more than rasterisation.
+// Static splats have layers of their own if they have at least this share of the area of all.
+// Below it, the pictures of these layers cost more than rasterisation.
 constexpr double kLeastStaticShare = 0.15;
 // The backward pass sums the gradients of the tri-plane in this many groups of blocks. The number
 // is fixed, so that the order of the sums does not depend on the number of threads.
@@ -82,19 +82,19 @@ std::size_t edge_floats(const RenderCall &call, int levels = kLevels - 1) {
 
 }  // namespace
 
-RowRange PyramidLevel::band(int index) const {
+Tile PyramidLevel::band(int index) const {
     const int begin = index * band_rows;
-    return {begin, std::min(begin + band_rows, size.height)};
+    return {{begin, std::min(begin + band_rows, size.height)}, {0, size.width}};
 }
 
 RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool mean_,
-                       bool separate_static_)
+                       bool may_separate)
     : gop(gop_),
       size(size_),
       coded(coded_),
       kernels(gsvr::kernels()),
       mean(mean_),
-      separate_static(separate_static_) {
+      separate_static(may_separate && kernels.static_share(gop) >= kLeastStaticShare) {
     for (int level = 0; level < kLevels; ++level) {
         const int round_up = (1 << level) - 1;
         // Coarse levels have few rows: shorter bands give each thread some.
@@ -106,7 +106,7 @@ RenderCall::RenderCall(const GopArrays &gop_, Size size_, Size coded_, bool mean
 void FrameRenderer::reserve(const RenderCall &call, int bands, Workspace &space) {
     const GopArrays &gop = call.gop;
     space.splats.reserve(blocks(gop));
-    space.rows.reserve(static_cast<std::size_t>(blocks(gop)) * kLayers);
+    space.boxes.reserve(static_cast<std::size_t>(blocks(gop)) * kLayers);
     space.lines.reserve(static_cast<std::size_t>(gop.gx + gop.gy) * kChannels);
     space.pixels.reserve(bands * call.levels[0].band_floats());
     space.pictures.reserve(picture_floats(call));
@@ -147,44 +147,34 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
     parallel_for((count + kProjectBlocks - 1) / kProjectBlocks, threads, [&](int job, int) {
         const int begin = job * kProjectBlocks;
         call.kernels.project(gop, frame_, begin, std::min(begin + kProjectBlocks, count),
-                             space.splats.get(), space.rows.get());
+                             space.splats.get(), space.boxes.get());
     });
     for (int layer = 0; layer < kLayers; ++layer) {
-        const BlockRows *rows = space.rows.get() + static_cast<std::size_t>(layer) * blocks(gop);
-        const auto empty = [&](int block) { return rows[block].begin >= rows[block].end; };
+        const BlockBox *boxes = space.boxes.get() + static_cast<std::size_t>(layer) * blocks(gop);
         int begin = 0, end = static_pyramid.pictures && layer >= kLevels ? 0 : count;
-        while (begin < end && empty(begin)) ++begin;
-        while (begin < end && empty(end - 1)) --end;
+        while (begin < end && boxes[begin].empty()) ++begin;
+        while (begin < end && boxes[end - 1].empty()) --end;
         const int level = layer % kLevels;
-        layers_[layer] = {space.splats.get(),          rows, layer, begin, end,
+        layers_[layer] = {space.splats.get(),          boxes, layer, begin, end,
                           call.levels[level].band_rows};
         if (begin < end) coarsest_ = std::max(coarsest_, level);
     }
 }
 
 StaticPyramid FrameRenderer::draw_static_pyramid() const {
-    double static_area = 0.0, area_sum = 0.0;
-    StaticPyramid drawn{nullptr, 0, 0, 0};
-    const int count = blocks(call_.gop);
-    for (int block = 0; block < count; ++block) {
-        const Splats &s = space_.splats.get()[block];
-        for (int splat = 0; splat < kBlock; ++splat) {
-            if (s.layer[splat] < kLevels) drawn.dynamic_blocks = block + 1;
-            if (s.row_begin[splat] >= s.row_end[splat]) continue;
-            const double area = static_cast<double>(s.x_end[splat] - s.x_begin[splat]) *
-                                (s.row_end[splat] - s.row_begin[splat]);
-            area_sum += area;
-            if (s.layer[splat] >= kLevels) static_area += area;
-        }
-    }
-    if (static_area <= kLeastStaticShare * area_sum) return drawn;
+    StaticPyramid drawn{nullptr, 0, blocks(call_.gop), 0};
+    const auto is_static = [&](int block) {
+        const auto &layer = space_.splats.get()[block].layer;
+        return std::all_of(layer, layer + kBlock, [](int of) { return of >= kLevels; });
+    };
+    while (drawn.dynamic_blocks && is_static(drawn.dynamic_blocks - 1)) --drawn.dynamic_blocks;
     float *pictures = space_.static_pictures.reserve(picture_floats(call_, 0));
     for (int level = 0; level < kLevels; ++level) {
         if (!layers_[kLevels + level].empty()) drawn.coarsest = level;
         const PyramidLevel &own = call_.levels[level];
-        parallel_for(own.bands(), threads_, [&](int index, int) {
-            set_static_band(level, own.band(index), level_pixels(pictures, 0, level));
-        });
+        const Pixels pixels = level_pixels(pictures, 0, level);
+        parallel_for(own.bands(), threads_,
+                     [&](int index, int) { set_static_tile(level, own.band(index), pixels); });
     }
     drawn.pictures = pictures;
     drawn.levels = kLevels;
@@ -193,7 +183,7 @@ StaticPyramid FrameRenderer::draw_static_pyramid() const {
 
 Pixels FrameRenderer::level_pixels(float *pictures, int first, int level) const {
     const PyramidLevel &own = call_.levels[level];
-    return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows};
+    return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows, 0};
 }
 
 Pixels FrameRenderer::static_picture(int level) const {
@@ -216,51 +206,51 @@ void FrameRenderer::render_levels() const {
     for (int level = coarsest_; level > 0; --level) {
         const PyramidLevel &own = call_.levels[level];
         parallel_for(own.bands(), threads_, [&](int index, int) {
-            rasterise_band(level, own.band(index), picture(level));
+            rasterise_tile(level, own.band(index), picture(level));
         });
     }
 }
 
-void FrameRenderer::set_static_band(int level, RowRange rows, const Pixels &pixels) const {
-    const PyramidLevel &own = call_.levels[level];
-    const std::size_t bytes = sizeof(float) * kRowFloats * own.band_rows;
+void FrameRenderer::set_static_tile(int level, Tile tile, const Pixels &pixels) const {
+    const std::size_t bytes = sizeof(float) * kRowFloats * call_.levels[level].band_rows;
+    const int begin = tile.columns.begin / kStripWidth;
+    const int end = (tile.columns.end + kStripWidth - 1) / kStripWidth;
     const auto strip_of = [&](const Pixels &of, int strip) {
-        const std::size_t row = static_cast<std::size_t>(strip) * of.rows + rows.begin;
-        return of.data + (row - of.first_row) * kRowFloats;
+        const std::ptrdiff_t before = static_cast<std::ptrdiff_t>(strip - of.first_strip) * of.rows;
+        return of.data + (before + tile.rows.begin - of.first_row) * kRowFloats;
     };
     if (level < static_pyramid_.levels) {
         const Pixels drawn = static_picture(level);
-        for (int strip = 0; strip < own.strips(); ++strip)
+        for (int strip = begin; strip < end; ++strip)
             std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
         return;
     }
-    for (int strip = 0; strip < own.strips(); ++strip)
-        std::memset(strip_of(pixels, strip), 0, bytes);
-    call_.kernels.rasterise(layers_[kLevels + level], rows, pixels);
+    for (int strip = begin; strip < end; ++strip) std::memset(strip_of(pixels, strip), 0, bytes);
+    call_.kernels.rasterise(layers_[kLevels + level], tile, pixels);
 }
 
-void FrameRenderer::rasterise_band(int level, RowRange rows, const Pixels &pixels) const {
-    const PyramidLevel &own = call_.levels[level];
-    // Upsampling adds the static splats as it writes the band, and there may be none.
+void FrameRenderer::rasterise_tile(int level, Tile tile, const Pixels &pixels) const {
+    // Upsampling adds the static splats as it writes the tile, and there may be none.
     const bool drawn = level < static_pyramid_.levels, upsampled = level < coarsest_;
     const bool any = drawn || !layers_[kLevels + level].empty();
-    if (!upsampled || (any && !drawn)) set_static_band(level, rows, pixels);
+    if (!upsampled || (any && !drawn)) set_static_tile(level, tile, pixels);
     if (upsampled) {
         const Size coarser = call_.levels[level + 1].size;
         const Pixels base = drawn ? static_picture(level) : pixels;
-        call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels,
-                               own.size.width, rows, any ? &base : nullptr);
+        call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels, tile,
+                               any ? &base : nullptr);
     }
-    call_.kernels.rasterise(layers_[level], rows, pixels);
+    call_.kernels.rasterise(layers_[level], tile, pixels);
 }
 
-void FrameRenderer::backward_band(int level, RowRange rows, const Pixels &pixels) const {
-    call_.kernels.gather_moments(layers_[level], rows, pixels, space_.moments.get());
+void FrameRenderer::backward_band(int level, Tile band, const Pixels &pixels) const {
+    call_.kernels.gather_moments(layers_[level], band, pixels, space_.moments.get());
     if (level == coarsest_) return;
     const PyramidLevel &own = call_.levels[level], &coarser = call_.levels[level + 1];
-    call_.kernels.downsample(pixels, own.size.width, own.size.height, rows,
+    const int index = band.rows.begin / own.band_rows;
+    call_.kernels.downsample(pixels, own.size.width, own.size.height, band.rows,
                              picture_gradient(level + 1), coarser.size.width,
-                             edges(level) + rows.begin / own.band_rows * 2 * coarser.line_floats());
+                             edges(level) + 2 * index * coarser.line_floats());
 }
 
 void FrameRenderer::backward_levels() const {
@@ -268,7 +258,7 @@ void FrameRenderer::backward_levels() const {
         const PyramidLevel &own = call_.levels[level], &finer = call_.levels[level - 1];
         const Pixels pixels = picture_gradient(level);
         for (int index = 0; index < finer.bands(); ++index) {
-            const RowRange band = finer.band(index);
+            const Range band = finer.band(index).rows;
             const float *lines = edges(level - 1) + 2 * index * own.line_floats();
             const int lanes = call_.kernels.lanes;
             if (index) add_line(lines, own, band.begin / 2 - 1, lanes, pixels);
@@ -284,12 +274,12 @@ void FrameRenderer::reserve_backward() const {
     space_.plane_gradients.reserve(kGradientGroups * plane_floats(call_.gop));
     space_.picture_gradients.reserve(picture_floats(call_));
     space_.edges.reserve(edge_floats(call_));
-    BlockRows *rows = space_.rows.get();
+    BlockBox *box = space_.boxes.get();
     std::size_t slots = 0;
     for (const SplatLayer &layer : layers_)
-        for (int block = 0; block < blocks(call_.gop); ++block, ++rows) {
-            rows->slot = static_cast<int>(slots);
-            slots += block_bands(*rows, layer.band_rows);
+        for (int block = 0; block < blocks(call_.gop); ++block, ++box) {
+            box->slot = static_cast<int>(slots);
+            slots += block_bands(*box, layer.band_rows);
         }
     space_.moments.reserve(slots);
 }

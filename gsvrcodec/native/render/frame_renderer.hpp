@@ -2,6 +2,8 @@
 // splats on the pyramid levels, and adds up the levels.
 #pragma once
 
+#include <algorithm>
+
 #include "core.hpp"
 #include "isa.hpp"
 #include "pool.hpp"
@@ -15,7 +17,7 @@ struct PyramidLevel {
     int band_rows;
 
     int bands() const { return (size.height + band_rows - 1) / band_rows; }
-    RowRange band(int index) const;
+    Tile band(int index) const;
     int strips() const { return (size.width + kStripWidth - 1) / kStripWidth; }
     // Floats of one row of pixels, of one band and of the whole picture.
     std::size_t line_floats() const { return static_cast<std::size_t>(strips()) * kRowFloats; }
@@ -25,9 +27,10 @@ struct PyramidLevel {
 
 // The inputs that all frames of one call share.
 struct RenderCall {
-    // mean: pictures are means, else sums. separate_static: static splats are rasterised before the
-    // dynamic ones, so that several frames can share the picture of the static splats.
-    RenderCall(const GopArrays &, Size size, Size coded, bool mean, bool separate_static);
+    // mean: pictures are means, else sums. may_separate: if there are many, static splats are
+    // rasterised before the dynamic ones, so that several frames can share their picture. Only the
+    // GOP decides: a frame is the same whether it is rendered alone or with others.
+    RenderCall(const GopArrays &, Size size, Size coded, bool mean, bool may_separate);
 
     const GopArrays &gop;
     const Size size, coded;
@@ -56,45 +59,52 @@ class FrameRenderer {
 
     const Frame &frame() const { return frame_; }
 
-    // Rasterises the static splats of all levels into the workspace. The result has no pictures if
-    // the static splats cover too little of the frame to save time.
+    // Rasterises the static splats of all levels, which are separate, into the workspace.
     StaticPyramid draw_static_pyramid() const;
 
-    // Rasterises the bands of the frame, in any order. Calls done(index, rows, pixels) for each.
+    // Rasterises the tiles of the frame, in any order. Calls done(tile, pixels) for each.
     template <class Done>
     void render(Done done) const {
         render_levels();
-        for_bands([&](int index, RowRange rows, const Pixels &pixels) {
-            rasterise_band(0, rows, pixels);
-            done(index, rows, pixels);
+        for_bands([&](int, Tile band, Pixels pixels) {
+            for (int x = 0; x < band.columns.end; x += kTileColumns) {
+                const Tile tile{band.rows, {x, std::min(x + kTileColumns, band.columns.end)}};
+                pixels.first_strip = x / kStripWidth;
+                rasterise_tile(0, tile, pixels);
+                done(tile, pixels);
+            }
         });
     }
 
-    // Writes the gradients of all parameters. For each band, fill(index, rows, pixels) writes the
+    // Writes the gradients of all parameters. For each band, fill(index, band, pixels) writes the
     // gradient of the pixels to `pixels`, with zeros beyond the frame. render_first: `pixels` holds
     // the rasterised band when `fill` is called.
     template <class Fill>
     void backward(bool render_first, const GopArrays &gradient, Fill fill) const {
         reserve_backward();
         if (render_first) render_levels();
-        for_bands([&](int index, RowRange rows, const Pixels &pixels) {
-            if (render_first) rasterise_band(0, rows, pixels);
-            fill(index, rows, pixels);
-            backward_band(0, rows, pixels);
+        for_bands([&](int index, Tile band, const Pixels &pixels) {
+            if (render_first) rasterise_tile(0, band, pixels);
+            fill(index, band, pixels);
+            backward_band(0, band, pixels);
         });
         backward_levels();
         backward_deformation(gradient);
     }
 
    private:
+    // Columns of a tile that is rendered. A tile stays in the second cache of most processors, with
+    // the static splats that are added to it.
+    static constexpr int kTileColumns = 256;
+
     template <class Body>
     void for_bands(Body body) const {
         const PyramidLevel &frame = call_.levels[0];
         parallel_for(frame.bands(), threads_, [&](int index, int worker) {
-            const RowRange rows = frame.band(index);
-            body(index, rows,
-                 Pixels{space_.pixels.get() + worker * frame.band_floats(), rows.begin,
-                        frame.band_rows});
+            const Tile band = frame.band(index);
+            body(index, band,
+                 Pixels{space_.pixels.get() + worker * frame.band_floats(), band.rows.begin,
+                        frame.band_rows, 0});
         });
     }
     // The whole picture of a level above 0, and the gradient of that picture.
@@ -109,12 +119,12 @@ class FrameRenderer {
     Pixels level_pixels(float *pictures, int first, int level) const;
     // A level of the picture of the static splats.
     Pixels static_picture(int level) const;
-    // Sets a band of a level to the picture of its static splats.
-    void set_static_band(int level, RowRange rows, const Pixels &) const;
-    // Sets a band of a level to the sum of its splats and of the coarser levels.
-    void rasterise_band(int level, RowRange rows, const Pixels &) const;
+    // Sets a tile of a level to the picture of its static splats.
+    void set_static_tile(int level, Tile, const Pixels &) const;
+    // Sets a tile of a level to the sum of its splats and of the coarser levels.
+    void rasterise_tile(int level, Tile, const Pixels &) const;
     // From the gradient of a band: moments of its splats, and gradient of the next coarser level.
-    void backward_band(int level, RowRange rows, const Pixels &) const;
+    void backward_band(int level, Tile band, const Pixels &) const;
     void reserve_backward() const;
     void backward_deformation(const GopArrays &gradient) const;
 

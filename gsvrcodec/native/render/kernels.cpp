@@ -35,14 +35,11 @@ namespace {
 
 extern const Kernels GSVR_JOIN(kKernels_, GSVR_ISA);
 const Kernels GSVR_JOIN(kKernels_, GSVR_ISA) = {
-    GSVR_NAME(GSVR_ISA),  GSVR_LANES,
-    GSVR_ISA::kBandRows,  GSVR_ISA::project,
-    GSVR_ISA::rasterise,  GSVR_ISA::upsample,
-    GSVR_ISA::downsample, GSVR_ISA::to_rgb8,
-    GSVR_ISA::to_planes8, GSVR_ISA::to_float,
-    GSVR_ISA::to_sums,    GSVR_ISA::from_float,
-    GSVR_ISA::residual,   GSVR_ISA::gather_moments,
-    GSVR_ISA::backward,   GSVR_ISA::adam,
+    GSVR_NAME(GSVR_ISA),  GSVR_LANES,           GSVR_ISA::kBandRows,      GSVR_ISA::static_share,
+    GSVR_ISA::project,    GSVR_ISA::rasterise,  GSVR_ISA::upsample,       GSVR_ISA::downsample,
+    GSVR_ISA::to_rgb8,    GSVR_ISA::to_planes8, GSVR_ISA::to_float,       GSVR_ISA::to_sums,
+    GSVR_ISA::from_float, GSVR_ISA::residual,   GSVR_ISA::gather_moments, GSVR_ISA::backward,
+    GSVR_ISA::adam,
 };
 
 }  // namespace gsvr

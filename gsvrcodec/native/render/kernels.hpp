@@ -58,29 +58,39 @@ struct alignas(64) Splats {
     std::int32_t layer[kBlock];
 };
 
-// Rows [begin, end).
-struct RowRange {
+// Rows or columns [begin, end).
+struct Range {
     int begin, end;
 };
 
-// The rows that the splats of one block touch in one layer. The moments of the block start at
+// Some rows of a picture, or all, and some columns. The columns begin at the first of a strip; they
+// end there too, or with the picture.
+struct Tile {
+    Range rows, columns;
+};
+
+// The box that the splats of one block touch in one layer. The moments of the block start at
 // `slot`: one for each band that the block touches.
-struct BlockRows {
-    int begin, end, slot;
+struct BlockBox {
+    Range rows, columns;
+    int slot;
+
+    bool empty() const { return rows.begin >= rows.end; }
 };
 
 inline int blocks(const GopArrays &gop) { return (gop.n + kBlock - 1) / kBlock; }
 
 // The number of bands that a block touches.
-inline int block_bands(const BlockRows &rows, int band_rows) {
-    return rows.begin < rows.end ? (rows.end - 1) / band_rows - rows.begin / band_rows + 1 : 0;
+inline int block_bands(const BlockBox &box, int band_rows) {
+    const Range rows = box.rows;
+    return box.empty() ? 0 : (rows.end - 1) / band_rows - rows.begin / band_rows + 1;
 }
 
 // The splats of one layer. The blocks [begin, end) contain all of them, mixed with the splats of
 // other layers.
 struct SplatLayer {
     const Splats *splats;   // of all blocks, all layers
-    const BlockRows *rows;  // of all blocks, this layer
+    const BlockBox *boxes;  // of all blocks, this layer
     int index, begin, end;
     int band_rows;  // rows of a band of the layer's level
 
@@ -94,50 +104,54 @@ struct alignas(64) Moments {
     float weight[kBlock];  // as red, of the weight
 };
 
-// The rows [first_row, first_row + rows) of a picture, stored in vertical strips of kStripWidth
-// columns: [strip][row / r][channel][row % r][column], with r the pixel rows of a vector. All rows
-// of a strip are stored together, so that a splat touches few pages and cache lines. first_row and
-// rows are multiples of r. Rows and columns beyond the picture hold arbitrary values.
+// The rows [first_row, first_row + rows) of a picture, from strip first_strip on, stored in
+// vertical strips of kStripWidth columns: [strip][row / r][channel][row % r][column], with r the
+// pixel rows of a vector. All rows of a strip are stored together, so that a splat touches few
+// pages and cache lines. first_row and rows are multiples of r. Rows and columns beyond the picture
+// hold arbitrary values.
 struct Pixels {
     float *data;
-    int first_row, rows;
+    int first_row, rows, first_strip;
 };
 
 struct Kernels {
     const char *isa;
     int lanes;      // floats of a vector
     int band_rows;  // rows of a band on level 0; bounds the rounding errors of the recurrence
-    // Deforms and projects the Gaussians of the blocks [begin, end). `rows` is (kLayers, blocks);
+    // The share of the static Gaussians in the area of all, about that in pixels of their levels.
+    double (*static_share)(const GopArrays &);
+    // Deforms and projects the Gaussians of the blocks [begin, end). `boxes` is (kLayers, blocks);
     // the slots are not written.
     void (*project)(const GopArrays &, const Frame &, int begin, int end, Splats *,
-                    BlockRows *rows);
-    // Adds the splats of one layer to the pixels of one band.
-    void (*rasterise)(const SplatLayer &, RowRange band, Pixels);
-    // Upsamples the next coarser level to the rows `rows` of a level, and adds the rows of `base`,
-    // which may be `fine`; null adds nothing.
-    void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine,
-                     int fine_width, RowRange rows, const Pixels *base);
+                    BlockBox *boxes);
+    // Adds the splats of one layer to the pixels of a tile.
+    void (*rasterise)(const SplatLayer &, Tile, Pixels);
+    // Upsamples the next coarser level to a tile of a level, and adds the tile of `base`, which may
+    // be `fine`; null adds nothing.
+    void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile,
+                     const Pixels *base);
     // The adjoint of upsample: writes the gradient of the next coarser level from the rows `rows`
     // of `fine`, the gradient of a level, which must be zero beyond the picture. The parts of the
     // coarse rows just above and just below the written rows go to `edges`: two rows, each of
     // kRowFloats for each strip of the coarse level.
-    void (*downsample)(Pixels fine, int fine_width, int fine_height, RowRange rows, Pixels coarse,
+    void (*downsample)(Pixels fine, int fine_width, int fine_height, Range rows, Pixels coarse,
                        int coarse_width, float *edges);
-    // Convert rows of pixels to interleaved samples. The first row of samples is rows.begin.
-    // to_planes8 writes three planes of the frame instead, `out` is in the first. to_sums writes
-    // all four sums as they are.
-    void (*to_rgb8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
-    void (*to_planes8)(Pixels, const Frame &, RowRange rows, std::uint8_t *out);
-    void (*to_float)(Pixels, const Frame &, RowRange rows, float *out);
-    void (*to_sums)(Pixels, const Frame &, RowRange rows, float *out);
-    // Replaces the pixels of the rows by the gradient of sum(weights * picture).
-    void (*from_float)(const float *weights, const Frame &, RowRange rows, Pixels);
-    // Replaces the pixels of the rows by the gradient of sum(scale / 2 * square(clamp(picture) -
-    // target)), in which that of the clamp counts as 1, and returns the sum of the squares.
-    double (*residual)(Pixels, const Frame &, RowRange rows, const std::uint8_t *target,
-                       float scale);
-    // Writes the moments of the splats of one layer from the gradient of the pixels of one band.
-    void (*gather_moments)(const SplatLayer &, RowRange band, Pixels, Moments *);
+    // Convert the pixels of a tile to interleaved samples of the frame, which begins at `out`.
+    // to_planes8 writes three planes instead. to_sums writes all four sums as they are.
+    void (*to_rgb8)(Pixels, const Frame &, Tile, std::uint8_t *out);
+    void (*to_planes8)(Pixels, const Frame &, Tile, std::uint8_t *out);
+    void (*to_float)(Pixels, const Frame &, Tile, float *out);
+    void (*to_sums)(Pixels, const Frame &, Tile, float *out);
+    // Replaces the pixels of a tile by the gradient of sum(weights * picture); `weights` are of the
+    // frame.
+    void (*from_float)(const float *weights, const Frame &, Tile, Pixels);
+    // Replaces the pixels of a tile by the gradient of sum(scale / 2 * square(clamp(picture) -
+    // target)), in which that of the clamp counts as 1, and returns the sum of the squares;
+    // `target` is the frame.
+    double (*residual)(Pixels, const Frame &, Tile, const std::uint8_t *target, float scale);
+    // Writes the moments of the splats of one layer from the gradient of the pixels of a tile,
+    // which is a whole band.
+    void (*gather_moments)(const SplatLayer &, Tile, Pixels, Moments *);
     // Computes the gradients of the Gaussians of the blocks [begin, end) from the moments of all
     // bands. The gradients of the tri-plane are added to `xy` and to the two lines; the others are
     // written to `gradient`.

@@ -8,7 +8,8 @@
 // The first pixel of a row of a strip, red.
 static inline float *strip_row(const Pixels &pixels, int strip, int row) {
     const unsigned down = static_cast<unsigned>(row - pixels.first_row);
-    return pixels.data + static_cast<std::ptrdiff_t>(strip) * pixels.rows * kRowFloats +
+    return pixels.data +
+           static_cast<std::ptrdiff_t>(strip - pixels.first_strip) * pixels.rows * kRowFloats +
            down / kVectorRows * kStepFloats + down % kVectorRows * kStripWidth;
 }
 
@@ -39,18 +40,19 @@ static inline UpsampledRow upsampled_row(const float *own, const float *before, 
 
 template <bool Add>
 static inline void upsample_strips(const Pixels &coarse, int coarse_width, int coarse_height,
-                                   const Pixels &fine, int fine_width, RowRange rows,
-                                   const Pixels &base) {
+                                   const Pixels &fine, Tile tile, const Pixels &base) {
     const auto put = [](float *p, const float *b, v8 v) { store8(p, Add ? load8(b) + v : v); };
     const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
     const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
     const std::ptrdiff_t base_next = static_cast<std::ptrdiff_t>(base.rows) * kRowFloats;
-    for (int strip = 0; strip < strips(coarse_width); ++strip) {
+    const Range rows = tile.rows;
+    for (int strip = tile.columns.begin / (2 * kStripWidth);
+         2 * strip * kStripWidth < tile.columns.end; ++strip) {
         const int last = min(coarse_width - strip * kStripWidth, kStripWidth) - 1;
         const bool right_most = (strip + 1) * kStripWidth >= coarse_width;
         const std::ptrdiff_t before = strip ? kStripWidth - 1 - next : 0;
         const std::ptrdiff_t after = right_most ? last : next;
-        const bool both = 2 * strip + 1 < strips(fine_width);
+        const bool both = (2 * strip + 1) * kStripWidth < tile.columns.end;
         float *out = strip_row(fine, 2 * strip, rows.begin);
         const float *under = strip_row(base, 2 * strip, rows.begin);
         int row = rows.begin / 2;
@@ -84,13 +86,13 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
     }
 }
 
-void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, int fine_width,
-              RowRange rows, const Pixels *base) {
+void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile tile,
+              const Pixels *base) {
     const FlushDenormals flush;
     if (base)
-        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, fine_width, rows, *base);
+        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, tile, *base);
     else
-        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, fine_width, rows, fine);
+        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, tile, fine);
 }
 
 // The adjoint of upsampling along x: the channels of one row of a coarse strip, from the row of
@@ -122,7 +124,7 @@ static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int 
     return n;
 }
 
-void downsample(Pixels fine, int fine_width, int fine_height, RowRange rows, Pixels coarse,
+void downsample(Pixels fine, int fine_width, int fine_height, Range rows, Pixels coarse,
                 int coarse_width, float *edges) {
     const FlushDenormals flush;
     const int count = strips(coarse_width);

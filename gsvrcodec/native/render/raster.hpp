@@ -8,12 +8,14 @@ constexpr int kStepFloats = kVectorRows * kRowFloats;
 static inline float *first_pixel(const Pixels &pixels, const Segments &c, int n) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
     const unsigned x = static_cast<unsigned>(c.x[n]);
-    return pixels.data + x / kStripWidth * strip + (c.row[n] - pixels.first_row) * kRowFloats +
-           x % kStripWidth;
+    const int own = static_cast<int>(x / kStripWidth) - pixels.first_strip;
+    return pixels.data + own * strip + (c.row[n] - pixels.first_row) * kRowFloats + x % kStripWidth;
 }
 
-static inline bool touches(const BlockRows &block, RowRange band) {
-    return block.begin < band.end && block.end > band.begin;
+static inline bool overlap(Range a, Range b) { return a.begin < b.end && a.end > b.begin; }
+
+static inline bool touches(const BlockBox &box, Tile tile) {
+    return overlap(box.rows, tile.rows) && overlap(box.columns, tile.columns);
 }
 
 static inline void add_segment(const Splats &s, const Segments &c, int n, const Pixels &pixels) {
@@ -31,13 +33,13 @@ static inline void add_segment(const Splats &s, const Segments &c, int n, const 
     });
 }
 
-void rasterise(const SplatLayer &layer, RowRange band, Pixels pixels) {
+void rasterise(const SplatLayer &layer, Tile tile, Pixels pixels) {
     const FlushDenormals flush;
     Segments c;
     for (int block = layer.begin; block < layer.end; ++block) {
-        if (!touches(layer.rows[block], band)) continue;
+        if (!touches(layer.boxes[block], tile)) continue;
         const Splats &s = layer.splats[block];
-        for_segments(s, layer.index, band, c, [&] {
+        for_segments(s, layer.index, tile, c, [&] {
             for (int n = 0; n < c.count; ++n) add_segment(s, c, n, pixels);
         });
     }
@@ -103,17 +105,17 @@ static inline void gather_segments(const Splats &s, const Segments &c, const Pix
     }
 }
 
-void gather_moments(const SplatLayer &layer, RowRange band, Pixels pixels, Moments *moments) {
+void gather_moments(const SplatLayer &layer, Tile tile, Pixels pixels, Moments *moments) {
     const FlushDenormals flush;
     Segments c;
     for (int block = layer.begin; block < layer.end; ++block) {
-        const BlockRows &rows = layer.rows[block];
-        if (!touches(rows, band)) continue;
+        const BlockBox &box = layer.boxes[block];
+        if (!touches(box, tile)) continue;
         const Splats &s = layer.splats[block];
-        const int index = band.begin / layer.band_rows - rows.begin / layer.band_rows;
-        Moments &own = moments[rows.slot + index];
+        const int index = tile.rows.begin / layer.band_rows - box.rows.begin / layer.band_rows;
+        Moments &own = moments[box.slot + index];
         own = {};
-        for_segments(s, layer.index, band, c, [&] { gather_segments(s, c, pixels, own); });
+        for_segments(s, layer.index, tile, c, [&] { gather_segments(s, c, pixels, own); });
     }
 }
 
@@ -125,9 +127,9 @@ void backward(const GopArrays &gop, const Frame &frame, const SplatLayer (&layer
         const Splats &s = layers[0].splats[block];
         Moments total = {};
         for (const SplatLayer &layer : layers) {
-            const BlockRows &rows = layer.rows[block];
-            const Moments *part = moments + rows.slot;
-            for (int slot = 0; slot < block_bands(rows, layer.band_rows); ++slot, ++part)
+            const BlockBox &box = layer.boxes[block];
+            const Moments *part = moments + box.slot;
+            for (int slot = 0; slot < block_bands(box, layer.band_rows); ++slot, ++part)
                 for (int l = 0; l < kBlock; ++l) {
                     store8(total.of[l], load8(total.of[l]) + load8(part->of[l]));
                     total.weight[l] += part->weight[l];

@@ -1,6 +1,6 @@
 // Cuts the splats of a block into segments, kLanes splats at a time. Included by kernels.cpp.
 //
-// A segment is the part of a splat's ellipse in one band and in kVectorColumns neighbouring pixel
+// A segment is the part of a splat's ellipse in one tile and in kVectorColumns neighbouring pixel
 // columns. A vector covers kVectorColumns x kVectorRows pixels, and a segment is a vertical run of
 // vectors. The loop over the vectors of a segment ends in a branch that the processor mispredicts.
 // So the ends and the first vectors of many segments are computed first, in loops without such
@@ -111,24 +111,25 @@ static inline void flush(const Splats &s, Segments &c, Process process) {
     c.count = 0;
 }
 
-// Collects the segments of a block's splats, of one layer and one band, in `c`, and calls process()
+// Collects the segments of a block's splats, of one layer and one tile, in `c`, and calls process()
 // each time `c` is full and once at the end. The order of the segments depends only on the
 // arguments.
 template <class Process>
-static inline void for_segments(const Splats &s, int layer, RowRange band, Segments &c,
+static inline void for_segments(const Splats &s, int layer, Tile tile, Segments &c,
                                 Process process) {
     c.count = 0;
     for (int half = 0; half < kBlock; half += kLanes) {
-        const vi begin = max(load(s.row_begin + half), broadcast(band.begin));
-        const vi end = min(load(s.row_end + half), broadcast(band.end));
+        const vi begin = max(load(s.row_begin + half), broadcast(tile.rows.begin));
+        const vi end = min(load(s.row_end + half), broadcast(tile.rows.end));
         const vi present = (begin < end) & (load(s.layer + half) == layer);
         if (!bits(present)) continue;
         const vf cx = load(s.cx + half), cy = load(s.cy + half), slope = load(s.slope + half);
         const vf across = load(s.across + half), down = load(s.down + half);
         const vf bend = 1.0f / down, lowest_dx = load(s.lowest_dx + half);
         const vf row_first = to_float(begin), row_last = to_float(end);
-        const vi x_end = load(s.x_end + half);
-        for (vi x = load(s.x_begin + half); bits(present & (x < x_end)); x += kVectorColumns) {
+        const vi x_end = min(load(s.x_end + half), broadcast(tile.columns.end));
+        for (vi x = max(load(s.x_begin + half), broadcast(tile.columns.begin));
+             bits(present & (x < x_end)); x += kVectorColumns) {
             const vf first = to_float(x) + 0.5f - cx,
                      last = first + static_cast<float>(kVectorColumns - 1);
             // Within [first, last], the ellipse reaches its largest y at dx = lowest_dx, or at the

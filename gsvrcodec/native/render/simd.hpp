@@ -28,14 +28,14 @@ static inline int min(int a, int b) { return a < b ? a : b; }
 static inline vi max(vi a, vi b) { return a > b ? a : b; }
 static inline vi min(vi a, vi b) { return a < b ? a : b; }
 
-// v clamped to [0, 1]; 0 where v is NaN.
-static inline v8 clamped(v8 v) {
-    const v8 zero{}, one = 1.0f - zero;
+// v clamped to [0, most]; 0 where v is NaN.
+static inline v8 clamped(v8 v, float most) {
+    const v8 zero{}, limit = most - zero;
 #if defined(__AVX2__)
-    return (v8)_mm256_min_ps(_mm256_max_ps((__m256)v, (__m256)zero), (__m256)one);
+    return (v8)_mm256_min_ps(_mm256_max_ps((__m256)v, (__m256)zero), (__m256)limit);
 #else
     const v8 positive = v > zero ? v : zero;
-    return positive < one ? positive : one;
+    return positive < limit ? positive : limit;
 #endif
 }
 

@@ -40,7 +40,7 @@ class Buffer {
 // The scratch memory of one frame that is being rendered.
 struct Workspace {
     Buffer<Splats> splats;
-    Buffer<BlockRows> rows;
+    Buffer<BlockBox> boxes;
     Buffer<Moments> moments;
     Buffer<float> lines, pixels, pictures, static_pictures, plane_gradients, picture_gradients,
         edges;
