@@ -41,6 +41,9 @@ const WORKBENCH = 7;
 
 /** A texture that is read texel by texel; `values` are four floats a texel, or null. */
 export function makeTexture(gl, format, width, height, values = null) {
+  if (Math.max(width, height) > gl.getParameter(gl.MAX_TEXTURE_SIZE)) {
+    throw new GsvrError(`A table of ${width}x${height} is too large for this device.`);
+  }
   const texture = gl.createTexture();
   bindTexture(gl, WORKBENCH, texture);
   gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
@@ -57,6 +60,43 @@ export function makeTexture(gl, format, width, height, values = null) {
 export function bindTexture(gl, unit, texture) {
   gl.activeTexture(gl.TEXTURE0 + unit);
   gl.bindTexture(gl.TEXTURE_2D, texture);
+}
+
+/**
+ * Any number of quads: vertex `v` is corner `v % 4` of quad `v / 4`. A device without a GPU draws
+ * instances one by one, which takes it many times as long.
+ */
+export class Quads {
+  constructor(gl) {
+    this.gl = gl;
+    this.array = gl.createVertexArray();
+    this.indices = gl.createBuffer();
+    this.count = 0;
+  }
+
+  /** Be ready to draw so many. */
+  reserve(count) {
+    if (count <= this.count) return;
+    const { gl } = this;
+    this.count = Math.max(count, 2 * this.count);
+    const indices = new Uint32Array(6 * this.count);
+    for (let vertex = 0, at = 0; at < indices.length; vertex += 4, at += 6) {
+      indices[at] = vertex;
+      indices[at + 1] = indices[at + 3] = vertex + 1;
+      indices[at + 2] = indices[at + 4] = vertex + 2;
+      indices[at + 5] = vertex + 3;
+    }
+    gl.bindVertexArray(this.array);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
+  }
+
+  /** Draw the quads from `first` up to `end`. */
+  draw(first, end) {
+    const { gl } = this;
+    gl.bindVertexArray(this.array);
+    gl.drawElements(gl.TRIANGLES, 6 * (end - first), gl.UNSIGNED_INT, 24 * first);
+  }
 }
 
 /** A texture to draw sums into. It grows, and only its first columns and rows may be in use. */

@@ -4,17 +4,15 @@ import {
   CHANNELS, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE, OPACITY_CHANNEL, QUADRATIC, SLOTS,
 } from "./attributes.js";
 import { GsvrError } from "./errors.js";
-import { bindTexture, makeTexture, Program, Target, targetFormat } from "./graphics.js";
+import { bindTexture, makeTexture, Program, Quads, Target, targetFormat } from "./graphics.js";
 import { GROUND, LEVELS, MOST_LOG_OPACITY } from "./reconstruction.js";
 import {
   COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, SCREEN_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
   UP_FRAGMENT,
 } from "./shaders.js";
 
-/** Floats of a Gaussian on the device: one more says whether it belongs to the moving layer. */
-const STRIDE = SLOTS + 1;
-/** Of them: where each attribute of the programs starts, and how many floats it has. */
-const ATTRIBUTES = [[0, 4], [4, 4], [8, 4], [12, 3]];
+/** Texels of a Gaussian: behind its slots is whether it belongs to the moving layer. */
+const TEXELS = 4;
 /** Largest sum of opacities that is to fit in a target; 16-bit floats reach to twice as much. */
 const MOST_SUM = 2 ** 15;
 /** How many Gaussians of the largest opacity may lie one upon the other without leaving them. */
@@ -43,7 +41,7 @@ function largestBend({ xy, xt, yt }) {
 /** The Gaussians and the tri-plane of one GOP on the device. */
 export class Scene {
   /** `gop` has `gaussians`, `moving`, `out`, `grids` and `blending` as `Film.gop` returns them. */
-  constructor({ gl, format, black }, gop) {
+  constructor({ gl, format, black, quads }, gop) {
     this.gl = gl;
     this.gaussians = gop.gaussians;
     this.isMoving = gop.moving;
@@ -51,11 +49,12 @@ export class Scene {
     this.isMean = gop.blending === "mean";
     this.count = gop.gaussians.length / SLOTS;
     this.moving = this.isMoving.reduce((sum, each) => sum + each, 0);
-    this.buffer = gl.createBuffer();
+    this.table = null;
     this.gridSize = gop.grids ? gop.grids.size : [0, 0, 0];
     this.grids = gop.grids ? this.upload(gop.grids) : [];
     this.bend = gop.grids ? largestBend(gop.grids) : 0;
     this.black = black;
+    this.quads = quads;
     this.arranged = "";
     this.starts = null;
     this.still = new Target(gl, format);
@@ -63,10 +62,6 @@ export class Scene {
   }
 
   upload({ size: [gx, gy, gt], xy, xt, yt }) {
-    const largest = this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE);
-    if (Math.max(2 * gx, 2 * gy, gt) > largest) {
-      throw new GsvrError(`A tri-plane of ${gx}x${gy}x${gt} is too large for this device.`);
-    }
     return [[gx, gy, xy], [gx, gt, xt], [gy, gt, yt]].map(([columns, rows, values]) =>
       makeTexture(this.gl, this.gl.RGBA32F, 2 * columns, rows, values));
   }
@@ -116,36 +111,30 @@ export class Scene {
     }
     for (let g = 0; g < UNUSED; g++) starts[g + 1] += starts[g];
     this.starts = [...starts];
-    const sorted = new Float32Array(starts[UNUSED] * STRIDE);
+    const side = TEXELS * Math.ceil(Math.sqrt(Math.max(1, starts[UNUSED]) / TEXELS));
+    const sorted = new Float32Array(4 * side * side);
     for (let n = 0, at = 0; n < count; n++, at += SLOTS) {
       if (group[n] === UNUSED) continue;
-      const place = starts[group[n]]++ * STRIDE;
+      const place = starts[group[n]]++ * 4 * TEXELS;
       sorted.set(gaussians.subarray(at, at + SLOTS), place);
       sorted[place + SLOTS] = isMoving[n];
     }
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, sorted, gl.DYNAMIC_DRAW);
+    this.quads.reserve(starts[UNUSED]);
+    gl.deleteTexture(this.table);
+    this.table = makeTexture(gl, gl.RGBA32F, side, side, sorted);
   }
 
   /** Draw the quads of the groups from `first` up to `end`. */
   drawGroups(first, end) {
-    const { gl, starts } = this;
-    const count = starts[end] - starts[first];
-    if (count === 0) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    for (const [index, [start, size]] of ATTRIBUTES.entries()) {
-      const offset = 4 * (starts[first] * STRIDE + start);
-      gl.enableVertexAttribArray(index);
-      gl.vertexAttribPointer(index, size, gl.FLOAT, false, 4 * STRIDE, offset);
-      gl.vertexAttribDivisor(index, 1);
-    }
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    this.quads.draw(this.starts[first], this.starts[end]);
   }
 
-  /** Return the uniforms of the deformation at a time, and bind the tri-plane. */
+  /** Return the uniforms of Gaussians at a time, and bind their textures. */
   deformation(tau) {
     for (const unit of [0, 1, 2]) bindTexture(this.gl, unit, this.grids[unit] ?? this.black);
+    bindTexture(this.gl, 5, this.table);
     return {
+      gaussians: ["uniform1i", 5],
       gridXY: ["uniform1i", 0],
       gridXT: ["uniform1i", 1],
       gridYT: ["uniform1i", 2],
@@ -156,7 +145,7 @@ export class Scene {
   }
 
   dispose() {
-    this.gl.deleteBuffer(this.buffer);
+    this.gl.deleteTexture(this.table);
     this.grids.forEach((grid) => this.gl.deleteTexture(grid));
     this.still.dispose();
   }
@@ -188,7 +177,7 @@ export class Renderer {
     this.levels = Array.from({ length: LEVELS }, () => new Target(gl, this.format));
     this.black = makeTexture(gl, gl.RGBA8, 1, 1);
     this.cover = gl.createVertexArray();
-    this.instances = gl.createVertexArray();
+    this.quads = new Quads(gl);
     gl.enable(gl.SCISSOR_TEST);
     gl.disable(gl.DITHER);
   }
@@ -251,7 +240,6 @@ export class Renderer {
       const size = [Math.ceil(x1 / side) - x0 / side, Math.ceil(y1 / side) - y0 / side];
       target.begin(...size);
       if (isUsed) {
-        gl.bindVertexArray(this.instances);
         this.splat.use({
           ...deformation,
           frame: ["uniform2f", ...view.frame],
@@ -305,7 +293,6 @@ export class Renderer {
     if (view.isEmpty) return;
     scene.arrange(Math.min(...view.zoom), layers);
     this.onScreen();
-    this.gl.bindVertexArray(this.instances);
     this.outline.use({
       ...scene.deformation(tau),
       frame: ["uniform2f", ...view.frame],

@@ -14,12 +14,13 @@ const float REACH = ${Math.sqrt(-2 * Math.log(CUTOFF)).toFixed(8)};  // sigmas w
 const float MOST_LOG_OPACITY = ${MOST_LOG_OPACITY.toFixed(8)};
 `;
 
-/** The deformation of one Gaussian, an instance of a quad. */
+/** The deformation of one Gaussian, of whose quad the vertex is a corner. */
 const DEFORM = `
-layout(location = 0) in vec4 place;       // position, log_scale
-layout(location = 1) in vec4 appearance;  // rotation, colour
-layout(location = 2) in vec4 motion;      // log_opacity, indicator, linear
-layout(location = 3) in vec3 rest;        // quadratic, 1 = of the moving layer
+uniform sampler2D gaussians;               // four texels of each
+vec4 place;                                // position, log_scale
+vec4 appearance;                           // rotation, colour
+vec4 motion;                               // log_opacity, indicator, linear
+vec4 rest;                                 // quadratic, 1 = of the moving layer
 
 uniform sampler2D gridXY, gridXT, gridYT;  // two texels a cell: channels 0-3 and 4-7
 uniform vec3 gridSize;                     // Gx, Gy, Gt; 0 = no tri-plane
@@ -57,6 +58,12 @@ vec2 cosineAndSine(float angle) {
 
 // Section 8.2.
 void deform() {
+  int row = textureSize(gaussians, 0).x / 4, number = gl_VertexID >> 2;
+  ivec2 texel = ivec2(number % row * 4, number / row);
+  place = texelFetch(gaussians, texel, 0);
+  appearance = texelFetch(gaussians, texel + ivec2(1, 0), 0);
+  motion = texelFetch(gaussians, texel + ivec2(2, 0), 0);
+  rest = texelFetch(gaussians, texel + ivec2(3, 0), 0);
   vec4 shift = vec4(0.0), tint = vec4(0.0);
   if (gridSize.x > 0.0 && motion.y != 1.0) {
     vec3 last = gridSize - 1.0;
@@ -107,7 +114,7 @@ void main() {
 
   // And what devices round corners by.
   vec2 reach = REACH + 0.07 / vec2(length(first), length(second));
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2.0 - 1.0;
   vec2 pixel = at + corner.x * reach.x * first + corner.y * reach.y * second;
   gl_Position = vec4(pixel / region.zw * 2.0 - 1.0, 0.0, 1.0);
 }
@@ -195,7 +202,7 @@ void main() {
   vec2 first = turn * zoom * scales.x;
   vec2 second = vec2(-turn.y, turn.x) * zoom * scales.y;
   vec2 reach = 1.0 + 2.0 / vec2(length(first), length(second));
-  u = (vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0) * reach;
+  u = (vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2.0 - 1.0) * reach;
   vec2 pixel = (centre + 1.0) * frame / 2.0 + u.x * first + u.y * second;
   pixel = pixel.x * turning.xy + pixel.y * turning.zw + shift;
   gl_Position = vec4((pixel / screen * 2.0 - 1.0) * vec2(1.0, -1.0), 0.0, 1.0);
