@@ -62,10 +62,7 @@ export function bindTexture(gl, unit, texture) {
   gl.bindTexture(gl.TEXTURE_2D, texture);
 }
 
-/**
- * Any number of quads: vertex `v` is corner `v % 4` of quad `v / 4`. A device without a GPU draws
- * instances one by one, which takes it many times as long.
- */
+/** Quads: vertex `v` is corner `v % 4` of quad `v / 4`. Instances are slow without a GPU. */
 export class Quads {
   constructor(gl) {
     this.gl = gl;

@@ -2,8 +2,10 @@
 
 /** Milliseconds after the last touch until a picture is rendered at full size. */
 const REST = 250;
-/** Least pixels of the longer side; with fewer, the time is for Gaussians, not for pixels. */
-const LEAST_SIDE = 240;
+/** Least pixels of the longer side of the screen: a slow device shows fewer pictures instead. */
+const LEAST_SIDE = 720;
+/** Milliseconds that a picture may take before it gets smaller. */
+const LONGEST = 80;
 
 export class Pace {
   constructor(gl) {
@@ -34,7 +36,7 @@ export class Pace {
   }
 
   learn(took, budget) {
-    if (took > 1.25 * budget) this.detail *= Math.max(0.5, Math.sqrt(budget / took));
+    if (took > LONGEST) this.detail *= Math.max(0.5, Math.sqrt(LONGEST / took));
     else if (took < budget) this.detail *= 1.05;
   }
 
