@@ -10,7 +10,7 @@ namespace {
 constexpr int kProjectBlocks = 128;  // blocks of Gaussians that a job projects
 // Static splats have layers of their own if they have at least this share of the area of all.
 // Below it, the pictures of these layers cost more than rasterisation.
-constexpr double kLeastStaticShare = 0.15;
+constexpr double kLeastStaticShare = 0.3;
 // The backward pass sums the gradients of the tri-plane in this many groups of blocks. The number
 // is fixed, so that the order of the sums does not depend on the number of threads.
 constexpr int kGradientGroups = 16;
