@@ -1,4 +1,4 @@
-// Converts rows of pixels to and from interleaved samples, eight pixels at a time. Included by
+// Converts tiles of pixels to and from interleaved samples, a vector step at a time. Included by
 // kernels.cpp.
 
 // Calls body(x, row, red) for each vector step of each strip of a tile: pixels from column x on, in
@@ -76,8 +76,7 @@ static inline void store_rgb(std::uint8_t *out, std::ptrdiff_t line, const StepC
         _mm_storeu_si128(reinterpret_cast<__m128i *>(p), _mm256_castsi256_si128(row));
         _mm_storel_epi64(reinterpret_cast<__m128i *>(p + 16), _mm256_extracti128_si256(row, 1));
     };
-    // Four pixels of each part of 16 bytes: four times red, green, blue and blue, to be
-    // interleaved.
+    // Each part of 16 bytes has four pixels: their reds, greens, blues, and the blues once more.
     const __m128i order = _mm_setr_epi8(0, 4, 8, 1, 5, 9, 2, 6, 10, 3, 7, 11, -1, -1, -1, -1);
 #if GSVR_LANES == 16
     const __m512i r = (__m512i)codes.channel[0], g = (__m512i)codes.channel[1];
