@@ -19,7 +19,6 @@ from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, TRIPLANE_CHANNELS, Gop
-from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.render import Prepared
 
@@ -45,7 +44,7 @@ class ReadyGop:
     @cached_property
     def prepared(self) -> Prepared:
         """Its Gaussians where they are rendered; taken there when they are first asked for."""
-        return self.prepare(by_level(self.whole.gop))
+        return self.prepare(self.whole.gop)
 
     @property
     def first_frame(self) -> int:

@@ -18,10 +18,10 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.layers import Layers, dynamic, select_layers
 from gsvrcodec.model.passage import Passage
-from gsvrcodec.model.pyramid import by_level
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time, time_at
 from gsvrcodec.render import Backend, Codes, Prepared, as_tensor, empty_frames
+from gsvrcodec.render.order import arranged
 
 #: Width and height in pixels, where -1 keeps the aspect ratio and -2 also rounds to an even number;
 #: or a factor for both.
@@ -54,7 +54,8 @@ class PictureMaker:
 
     def prepare(self, gop: Gop) -> Prepared:
         """Return the chosen layers of a GOP, ready to be rendered."""
-        return self.backend.prepare(select_layers(gop, self.layers, self.coded_size))
+        chosen = select_layers(gop, self.layers, self.coded_size)
+        return self.backend.prepare(arranged(chosen, self.coded_size))
 
     def empty(self, count: int, size: tuple[int, int]) -> Codes:
         """Return uninitialised pictures of `size`, shape (count, H, W, 3)."""
@@ -148,7 +149,7 @@ class PictureMaker:
             gop = passage.at(float((tick - start) / span))
             if chosen is not None:
                 gop = select_gaussians(gop, chosen)
-            prepared = self.backend.prepare(by_level(gop))
+            prepared = self.backend.prepare(arranged(gop, self.coded_size))
             self._render(prepared, np.zeros(1, np.float32), size, picture[None])
 
     def _render(

@@ -48,7 +48,10 @@ def static_gop(
 
 def select_gaussians(gop: Gop, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Gop:
     """Return a GOP with chosen Gaussians, by a mask or by numbers; the tri-plane is shared."""
-    return replace(gop, **{name: getattr(gop, name)[chosen] for name in _GAUSSIAN_ATTRIBUTES})
+    numbers = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen
+    return replace(
+        gop, **{name: np.take(getattr(gop, name), numbers, 0) for name in _GAUSSIAN_ATTRIBUTES}
+    )
 
 
 def append_gaussians(gop: Gop, static: Gop) -> Gop:

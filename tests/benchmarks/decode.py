@@ -27,6 +27,7 @@ from gsvrcodec.decoder.gop_cache import GopCache
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.time import normalised_time
 from gsvrcodec.render import backend_on
+from gsvrcodec.render.order import arranged
 from tests.benchmarks import x264
 from tests.benchmarks.footage import read
 from tests.benchmarks.machine import command, commit, machine
@@ -71,7 +72,7 @@ def render_only(path: Path, threads: int) -> Callable[[], object]:
         size = (decoder.metadata.width, decoder.metadata.height)
     backend = backend_on("cpu", threads)
     reader = GsvrReader(path)
-    cache = GopCache(reader, Limits(), backend.prepare)
+    cache = GopCache(reader, Limits(), lambda gop: backend.prepare(arranged(gop, size)))
     gops = [cache.get(position) for position in range(len(reader.gops))]
     cache.close()
 

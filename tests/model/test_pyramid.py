@@ -1,4 +1,4 @@
-"""Which level a Gaussian is drawn on, and Gaussians put in order of their levels."""
+"""Which level a Gaussian is drawn on, and how large levels are."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gsvrcodec.model.pyramid import by_level, level_of, level_size, zoom
+from gsvrcodec.model.pyramid import level_of, level_size, zoom
 from gsvrcodec.model.reconstruction import LEVELS
-from gsvrcodec.render import render_frames
-from tests.render.examples import random_gop
 
 
 @pytest.mark.parametrize("level", range(LEVELS))
@@ -36,40 +34,3 @@ def test_a_larger_frame_has_coarser_levels() -> None:
 
 def test_sizes_are_rounded_up() -> None:
     assert [level_size((5, 1), level) for level in range(4)] == [(5, 1), (3, 1), (2, 1), (1, 1)]
-
-
-def test_order_changes_no_picture() -> None:
-    gop = random_gop(60)
-    ordered = by_level(gop)
-    levels = level_of(ordered.log_scale, 1.0)
-    assert (np.diff(levels) >= 0).all()
-    assert len(set(levels.tolist())) > 2
-    taus = np.array([0.3], np.float32)
-    picture, same = (render_frames(g, taus, (67, 45), (67, 45)).astype(int) for g in (gop, ordered))
-    assert np.abs(picture - same).max() <= 1
-
-
-def test_neighbours_in_the_picture_follow_each_other() -> None:
-    gop = random_gop(3000)
-    gop.log_scale[:] = 0
-    gop.indicator[:] = 0
-    way = np.abs(np.diff(by_level(gop).position, axis=0))
-    assert np.median(way[:, 0]) < 0.05
-    assert np.median(way[:, 1]) < 0.05
-
-
-def test_order_of_gaussians_beyond_the_frame() -> None:
-    gop = random_gop(200)
-    gop.position[::2] *= 100
-    assert sorted(by_level(gop).position.tolist()) == sorted(gop.position.tolist())
-
-
-def test_still_gaussians_come_last() -> None:
-    gop = random_gop(40)
-    gop.indicator[::4] = 1
-    gop.linear[::4] = gop.quadratic[::4] = 0
-    gop.indicator[1] = 1  # its polynomial moves it
-    ordered = by_level(gop)
-    still = (ordered.indicator == 1) & ~ordered.linear.any(axis=1)
-    assert still[-10:].all()
-    assert not still[:-10].any()

@@ -1,4 +1,4 @@
-"""The order of Gaussians in a fit."""
+"""The order of Gaussians in a fit, and for rendering."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from gsvrcodec.model.pyramid import level_of
-from gsvrcodec.render.order import drawing_order
+from gsvrcodec.render import render_frames
+from gsvrcodec.render.order import arranged, drawing_order
+from tests.render.examples import random_gop
+
+SIZE = (67, 45)
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 500])
@@ -35,3 +39,40 @@ def test_level_by_level_and_tile_by_tile() -> None:
 def test_equal_ones_keep_their_order() -> None:
     position, log_scale = np.zeros((9, 2), np.float32), np.zeros((9, 2), np.float32)
     assert drawing_order(position, log_scale, (64, 64)).tolist() == list(range(9))
+
+
+def test_order_changes_no_picture() -> None:
+    gop = random_gop(60)
+    ordered = arranged(gop, SIZE)
+    levels = level_of(ordered.log_scale, 1.0)
+    assert (np.diff(levels) >= 0).all()
+    assert len(set(levels.tolist())) > 2
+    taus = np.array([0.3], np.float32)
+    picture, same = (render_frames(g, taus, SIZE, SIZE).astype(int) for g in (gop, ordered))
+    assert np.abs(picture - same).max() <= 1
+
+
+def test_neighbours_in_the_picture_follow_each_other() -> None:
+    gop = random_gop(3000)
+    gop.log_scale[:] = 0
+    gop.indicator[:] = 0
+    way = np.abs(np.diff(arranged(gop, (1280, 720)).position, axis=0))
+    assert np.median(way[:, 0]) < 0.05
+    assert np.median(way[:, 1]) < 0.05
+
+
+def test_order_of_gaussians_beyond_the_frame() -> None:
+    gop = random_gop(200)
+    gop.position[::2] *= 100
+    assert sorted(arranged(gop, SIZE).position.tolist()) == sorted(gop.position.tolist())
+
+
+def test_still_gaussians_come_last() -> None:
+    gop = random_gop(40)
+    gop.indicator[::4] = 1
+    gop.linear[::4] = gop.quadratic[::4] = 0
+    gop.indicator[1] = 1  # its polynomial moves it
+    ordered = arranged(gop, SIZE)
+    still = (ordered.indicator == 1) & ~ordered.linear.any(axis=1)
+    assert still[-10:].all()
+    assert not still[:-10].any()
