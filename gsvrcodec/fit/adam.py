@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.parameters import GRIDS, MOTION, Parameters, Tensors
 from gsvrcodec.fit.recipe import Recipe
-from gsvrcodec.render.backend import Backend
+from gsvrcodec.render.backend import Backend, Scalar
 
 #: Attributes whose first two components are lengths along x and y.
 _LENGTHS = frozenset(("linear", "quadratic", "xy"))
@@ -30,11 +30,19 @@ class Axes:
 
     def __init__(self, tensors: Mapping[str, Tensor], size: tuple[int, int]) -> None:
         log_scale, rotation = tensors["log_scale"], tensors["rotation"]
-        self._lengths = torch.exp(log_scale - log_scale.mean()).clamp_(*self._RANGE)
+        self._lengths = torch.empty_like(log_scale)
         # Rotations as complex numbers: as fast as one multiplication of arrays.
-        self._turn = torch.polar(torch.ones_like(rotation), rotation)
+        self._turn = torch.empty_like(rotation, dtype=torch.complex64)
         pixel = torch.tensor([2 / size[0], 2 / size[1]], device=log_scale.device)
         self._pixel = pixel.repeat(len(log_scale), 1)
+        self.look(tensors)
+
+    def look(self, tensors: Mapping[str, Tensor]) -> None:
+        """Follow the tensors, which are of the same Gaussians, in place."""
+        log_scale, rotation = tensors["log_scale"], tensors["rotation"]
+        lengths = torch.exp(log_scale - log_scale.mean())
+        torch.clamp(lengths, *self._RANGE, out=self._lengths)
+        torch.polar(torch.ones_like(rotation), rotation, out=self._turn)
 
     def gradient(self, gradient: Tensor) -> Tensor:
         """Return the gradient by steps along the axes, from that by positions; (N, 2) both."""
@@ -67,16 +75,12 @@ def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tens
         for name in parameters.raw.keys() - set(GRIDS):
             found[name] = new if parameters.raw[name].dim() > 1 else new[:, 0]
     if recipe.fast and "linear" in parameters.raw:
-        pixels = torch.tensor(size, device=parameters.backend.device) / 2
-        way = torch.linalg.vector_norm(parameters.raw["linear"] * pixels, dim=1, keepdim=True)
+        linear = parameters.raw["linear"]
+        way = torch.hypot(linear[:, :1] * (size[0] / 2), linear[:, 1:] * (size[1] / 2))
         factor = 1 + recipe.fast * way / (way + recipe.fast_px)
         for name in MOTION:
             found[name] = factor * found[name] if name in found else factor
     return found
-
-
-#: Steps after which the axes of Gaussians are looked at again.
-_AXES_STEPS = 8
 
 
 class Adam:
@@ -97,7 +101,6 @@ class Adam:
         self._raw, self._betas, self._backend = raw, recipe.betas, backend
         self._size, self._along_axes = size, recipe.in_pixels
         self._axes: Axes | None = None
-        self._steps = 0
         self._mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
         self._square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
         self._rates = {}
@@ -108,21 +111,33 @@ class Adam:
                 rates[:2] /= np.array(size, np.float32) / 2
             self._rates[name] = torch.from_numpy(rates).to(tensor.device)
 
+    def look(self, tensors: Tensors) -> None:
+        """Look at the axes that positions move along: before the first step, and now and then.
+
+        Args:
+            tensors: the decoder's parameters, by the names of `Gop`.
+        """
+        if not self._along_axes:
+            return
+        if self._axes is None:
+            self._axes = Axes(tensors, self._size)
+        else:
+            self._axes.look(tensors)
+
     def step(
-        self, gradients: Tensors, factor: float, tensors: Tensors, paces: Tensors | None = None
+        self, gradients: Tensors, factor: Scalar, number: Scalar, paces: Tensors | None = None
     ) -> None:
         """Follow the gradients.
 
         Args:
             gradients: of all of `raw`.
             factor: of all rates.
-            tensors: the decoder's parameters, by the names of `Gop`.
+            number: of this step, from 1.
             paces: factors of the rates of each Gaussian, by attribute; none = 1.
         """
-        self._steps += 1
         for name, raw in self._raw.items():
             gradient, value = gradients[name], raw
-            axes = self._axes_of(tensors) if name == "position" else None
+            axes = self._axes if name == "position" else None
             pace = None if paces is None else paces.get(name)
             if axes is not None:
                 gradient = axes.gradient(gradient)
@@ -137,18 +152,12 @@ class Adam:
                 factor,
                 self._betas,
                 self._EPSILON,
-                self._steps,
+                number,
             )
             if axes is not None:
                 value = axes.offset(value)
             if value is not raw:
                 raw.add_(value if pace is None else pace * value)
-
-    def _axes_of(self, tensors: Tensors) -> Axes | None:
-        """The axes that positions move along; None = the frame's."""
-        if self._along_axes and (self._axes is None or self._steps % _AXES_STEPS == 0):
-            self._axes = Axes(tensors, self._size)
-        return self._axes
 
     def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Put the moments of all Gaussians into a new order; those that moved start anew."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from statistics import fmean
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,21 +15,21 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved, some_frames
-from gsvrcodec.fit.parameters import Parameters, Tensors
+from gsvrcodec.fit.parameters import Parameters, Tensors, put
 from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
-from gsvrcodec.fit.tuned import PREDICTION, RELOCATION
+from gsvrcodec.fit.tuned import PREDICTION, PRICE, RELOCATION
 from gsvrcodec.model.reconstruction import GROUND
-from gsvrcodec.render.backend import Samples
+from gsvrcodec.render.backend import Samples, Scalar
 
 #: Steps after which their pace is known.
 _PACE_STEPS = 10
-#: Steps that are taken at the same paces of Gaussians, which change slowly.
-_PACED_STEPS = 8
+#: Steps that are taken at the same paces and axes of Gaussians, which change slowly.
+PACED_STEPS = 8
 
 
 class Effort:
@@ -103,6 +105,22 @@ def optimise(
         descent.step(spent, quantise if spent >= quantise_from else None)
 
 
+class Every:
+    """Something that is due at the first of every `steps` steps."""
+
+    def __init__(self, steps: int) -> None:
+        self._steps, self._taken = steps, 0
+
+    def due(self) -> bool:
+        """Count a step, and return whether it is due in it."""
+        self._taken += 1
+        return (self._taken - 1) % self._steps == 0
+
+    def again(self) -> None:
+        """Make it due in the next step."""
+        self._taken = 0
+
+
 class _Events:
     """Fractions of the effort at which something happens, one after another."""
 
@@ -116,6 +134,14 @@ class _Events:
         if reached:
             self._next = next(self._later, 1.0)
         return reached
+
+
+class _Kind(NamedTuple):
+    """What a step does beside following the gradients."""
+
+    paces: bool  #: looks anew at paces and axes of Gaussians
+    priced: bool  #: bits have a price
+    prices: bool  #: looks anew at prices
 
 
 class _Descent:
@@ -141,7 +167,8 @@ class _Descent:
         self._order = visits(len(footage.frames), rng)
         self._settled = 0  # so many steps have to be taken before another relocation
         self._paces: Tensors = {}
-        self._paced = 0  # so many steps may still be taken at them
+        self._paced, self._priced = Every(PACED_STEPS), Every(PRICE.steps)
+        self._recorded: dict[_Kind, Callable[..., None]] = {}
 
     def relocate(self, spent: float) -> None:
         """Move the weakest Gaussians, and add or drop as many as the slope calls for."""
@@ -177,31 +204,64 @@ class _Descent:
 
     def step(self, spent: float, quantise: Callable[[Tensors], Tensors] | None) -> None:
         """Take a step on the next frame."""
-        parameters, recipe, effort = self._parameters, self._recipe, self._effort
-        index, size = next(self._order), self._footage.size
+        recipe, effort, number = self._recipe, self._effort, self._effort.steps + 1
+        patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
+        warm_up = min(1.0, number / recipe.warm_up)
+        factor = recipe.decay(spent) * patience * warm_up
+        index = next(self._order)
+        how = float(self._footage.taus[index]), self._targets[index], factor, number
+        priced = self._price is not None and spent >= recipe.coarse
+        kind = _Kind(self._paced.due(), priced, priced and self._priced.due())
+        if quantise is not None:
+            self._take(kind, *how, quantise)
+        else:
+            if kind not in self._recorded:
+                step = partial(self._take, kind)
+                self._recorded[kind] = self._parameters.backend.recorded(step)
+            self._recorded[kind](*how)
+        effort.advance()
+
+    def _take(
+        self,
+        kind: _Kind,
+        tau: Scalar,
+        target: Samples,
+        factor: Scalar,
+        number: Scalar,
+        quantise: Callable[[Tensors], Tensors] | None = None,
+    ) -> None:
+        """Take a step on one frame, as `Backend.recorded` wants it.
+
+        Args:
+            kind: what the step does.
+            tau: time of the frame.
+            target: the frame.
+            factor: of all rates.
+            number: of the step, from 1.
+            quantise: fake quantisation of the decoder's parameters.
+        """
+        parameters, size = self._parameters, self._footage.size
         tensors = parameters.tensors()
         if quantise is not None:
             tensors = quantise(tensors)
-        tau = float(self._footage.taus[index])
-        gradients = parameters.gradients(tensors, tau, self._targets[index], size, self._behind)
-        if self._price is not None and spent >= recipe.coarse:
-            self._price.add(parameters, gradients)
-        patience = min(1.0, math.pow(recipe.rated_steps / effort.expected_steps, 0.25))
-        warm_up = min(1.0, (effort.steps + 1) / recipe.warm_up)
+        gradients = parameters.gradients(tensors, tau, target, size, self._behind)
+        if self._price is not None and kind.priced:
+            if kind.prices:
+                self._price.look(parameters)
+            self._price.add(gradients)
         with parameters.about_middle(gradients):
-            factor = recipe.decay(spent) * patience * warm_up
-            if not self._paced:
-                self._paces = paces(parameters, recipe, size)
-                self._paced = _PACED_STEPS
-            self._paced -= 1
-            self._adam.step(gradients, factor, tensors, self._paces)
+            if kind.paces:
+                put(self._paces, paces(parameters, self._recipe, size))
+                self._adam.look(tensors)
+            self._adam.step(gradients, factor, number, self._paces)
         parameters.limit()
-        effort.advance()
 
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Follow the parameters, which were put into another order."""
         self._adam.rearrange(order, moved)
-        self._paced = 0
+        self._paces, self._recorded = {}, {}
+        self._paced.again()
+        self._priced.again()
         if self._price is not None:
             self._price.forget()
 

@@ -17,7 +17,7 @@ from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import Look
 from gsvrcodec.model.static import append_gaussians
-from gsvrcodec.render.backend import Backend, Samples
+from gsvrcodec.render.backend import Backend, Samples, Scalar
 
 #: Attributes that a predicted GOP stores as changes.
 LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
@@ -87,6 +87,15 @@ Tensors = dict[str, Tensor]  #: parameters by the names of `Gop`
 _INDICATOR_RANGE = (1e-3, 1 - 1e-3)
 
 
+def put(held: Tensors, values: Tensors) -> None:
+    """Hold values, in place where there are some already: a recorded step looks for them there."""
+    for name, value in values.items():
+        if name in held:
+            held[name].copy_(value)
+        else:
+            held[name] = value
+
+
 class Parameters:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
@@ -152,7 +161,7 @@ class Parameters:
     def gradients(
         self,
         tensors: Tensors,
-        tau: float,
+        tau: Scalar,
         target: Samples,
         coded_size: tuple[int, int],
         backdrop: Samples | None = None,
@@ -245,7 +254,7 @@ class Parameters:
         """Take the gradients away from what is frozen, in place."""
         if self._frozen is not None:
             for name in gradients.keys() & LOOK:
-                gradients[name][self._frozen] = 0
+                gradients[name].index_fill_(0, self._frozen, 0.0)
 
     def renew(
         self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array

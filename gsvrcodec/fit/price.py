@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool1d
 
-from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters, Tensors
+from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters, Tensors, put
 from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.quantise import Steps
 
@@ -31,23 +31,19 @@ class Price:
         self._weight = weight / math.log(2)
         self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *MOTION)}
         self._slopes: dict[str, Tensor] = {}
-        self._added = 0
 
-    def add(self, parameters: Parameters, gradients: Tensors) -> None:
-        """Add the slopes to the gradients of a parameters, in place.
-
-        They change slowly: they are computed anew in every `PRICE.steps`-th call, and after
-        `forget`.
-        """
-        if self._added % PRICE.steps == 0:
-            self._slopes = self._computed(parameters)
-        self._added += 1
+    def add(self, gradients: Tensors) -> None:
+        """Add the slopes to gradients, in place."""
         for name, slope in self._slopes.items():
             gradients[name].add_(slope)
 
+    def look(self, parameters: Parameters) -> None:
+        """Compute the slopes: before `add`, and again now and then, since they change slowly."""
+        put(self._slopes, self._computed(parameters))
+
     def forget(self) -> None:
-        """Compute the slopes anew in the next call: the Gaussians have another order."""
-        self._added = 0
+        """Forget the slopes: the Gaussians are others, or in another order."""
+        self._slopes = {}
 
     def _computed(self, parameters: Parameters) -> dict[str, Tensor]:
         slopes = {}

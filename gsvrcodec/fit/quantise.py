@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.adam import Adam
 from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
 from gsvrcodec.fit.footage import Footage
-from gsvrcodec.fit.optimise import Effort, targets_of, visits
+from gsvrcodec.fit.optimise import PACED_STEPS, Effort, Every, targets_of, visits
 from gsvrcodec.fit.parameters import LOOK, MOTION, Anchor, Parameters
 from gsvrcodec.fit.precision import (
     equal_slope_steps,
@@ -33,7 +33,7 @@ from gsvrcodec.fit.tuned import STAGED
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.quantise import Precision, dequantised, of_carried
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.render.backend import Backend
+from gsvrcodec.render.backend import Backend, Samples, Scalar
 
 #: Attributes rounded together, in this order; the colours, which are in no stage, come last.
 _STAGES = (
@@ -82,17 +82,28 @@ def quantise_in_stages(
     targets, behind = targets_of(parameters, footage.frames, size)
     order = visits(len(footage.frames), rng)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
+
+    def take(
+        adam: Adam, look: bool, tau: Scalar, target: Samples, factor: Scalar, number: Scalar
+    ) -> None:
+        """Take a step on one frame; `look`: at axes anew."""
+        tensors = parameters.tensors()
+        gradients = parameters.gradients(tensors, tau, target, size, behind)
+        parameters.hold(gradients)
+        if look:
+            adam.look(tensors)
+        adam.step(gradients, factor, number)
+
     for stage in _STAGES:
         rounded = dequantised(gop, precision, carried)
         parameters.fix({name: getattr(rounded, name) for name in stage})
         adam, effort = Adam(parameters.raw, recipe, size, backend), Effort(*each)
+        looking = Every(PACED_STEPS)
+        taken = [backend.recorded(partial(take, adam, look)) for look in (False, True)]
         while (spent := effort.spent) < 1.0:
             index = next(order)
-            tensors = parameters.tensors()
-            tau = float(taus[index])
-            gradients = parameters.gradients(tensors, tau, targets[index], size, behind)
-            parameters.hold(gradients)
-            adam.step(gradients, STAGED.rates * (1 - spent), tensors)
+            how = float(taus[index]), targets[index], STAGED.rates * (1 - spent), effort.steps + 1
+            taken[looking.due()](*how)
             effort.advance()
         gop = parameters.stored()
     return gop

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,8 @@ Size = tuple[int, int]  #: width and height, pixels
 Prepared = Any  #: a GOP as a backend holds it
 #: Samples where a backend compares them: a NumPy array on the CPU, a torch tensor on a GPU.
 Samples = Any
+#: A float; in a step that a GPU has recorded, a tensor of one element there.
+Scalar = Any
 
 
 class Backend(ABC):
@@ -86,7 +88,7 @@ class Backend(ABC):
     def squared_error(
         self,
         parameters: Mapping[str, Tensor],
-        tau: float,
+        tau: Scalar,
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
@@ -111,10 +113,10 @@ class Backend(ABC):
         mean: Tensor,
         square: Tensor,
         rates: Tensor,
-        factor: float,
+        factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
-        step: int,
+        step: Scalar,
     ) -> None:
         """Take one step of Adam in place.
 
@@ -129,6 +131,18 @@ class Backend(ABC):
             epsilon: added to the root of the second moment.
             step: number of this step, from 1.
         """
+
+    def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
+        """Return a step that takes less time when it is repeated.
+
+        A GPU records what the step launches, and from the third call on launches all of it at once.
+        So the step must change tensors in place, must not look at their values, and must work on
+        the same tensors in each call, its arguments apart.
+
+        Args:
+            step: takes numbers, which it gets as `Scalar`, and samples from `upload`.
+        """
+        return step
 
     def upload(self, samples: NDArray[Any]) -> Samples:
         """Put frames or a picture where they are compared."""

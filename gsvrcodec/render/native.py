@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
-from gsvrcodec.render.backend import Backend, Codes, Samples, Size
+from gsvrcodec.render.backend import Backend, Codes, Samples, Scalar, Size
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -103,7 +103,7 @@ class NativeBackend(Backend):
     def squared_error(
         self,
         parameters: Mapping[str, Tensor],
-        tau: float,
+        tau: Scalar,
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
@@ -135,10 +135,10 @@ class NativeBackend(Backend):
         mean: Tensor,
         square: Tensor,
         rates: Tensor,
-        factor: float,
+        factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
-        step: int,
+        step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
         scaled = rates.numpy() * np.float32(factor)

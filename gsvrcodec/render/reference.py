@@ -28,7 +28,7 @@ from gsvrcodec.model.reconstruction import (
     UPSAMPLING,
     Blending,
 )
-from gsvrcodec.render.backend import Backend, Codes, Samples, Size
+from gsvrcodec.render.backend import Backend, Codes, Samples, Scalar, Size
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 
@@ -250,7 +250,7 @@ class ReferenceBackend(Backend):
     def squared_error(
         self,
         parameters: Mapping[str, Tensor],
-        tau: float,
+        tau: Scalar,
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
@@ -275,10 +275,10 @@ class ReferenceBackend(Backend):
         mean: Tensor,
         square: Tensor,
         rates: Tensor,
-        factor: float,
+        factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
-        step: int,
+        step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
         beta1, beta2 = betas

@@ -11,7 +11,7 @@ import pytest
 from torch import Tensor
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.optimise import Effort, optimise, visits
+from gsvrcodec.fit.optimise import Effort, Every, optimise, visits
 from gsvrcodec.fit.paper import PAPER, random_start
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
@@ -240,3 +240,11 @@ class TestEffort:
         assert effort.spent == 0
         now = 101.5
         assert effort.spent == 0.75
+
+
+def test_every_few_steps() -> None:
+    every = Every(3)
+    assert [every.due() for _ in range(7)] == [True, False, False, True, False, False, True]
+    every.again()
+    assert [every.due() for _ in range(4)] == [True, False, False, True]
+    assert [Every(1).due() for _ in range(2)] == [True, True]

@@ -17,7 +17,7 @@ if not torch.cuda.is_available():
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.render.backend import Backend
+from gsvrcodec.render.backend import Backend, Samples, Scalar
 from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
@@ -267,3 +267,41 @@ def test_adam_step(backends: Backends, shape: tuple[int, ...]) -> None:
         states.append([part.numpy(force=True) for part in state])
     for expected, actual in zip(*states, strict=True):
         np.testing.assert_allclose(actual, expected, rtol=1e-5, atol=1e-6)
+
+
+@each_blending
+def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> None:
+    """Descents of one frame or another, at rates that change; a GPU repeats what it records."""
+    backend = backends(blending)
+    example = SMALL["all levels"]
+    size = example.size
+    r = np.random.default_rng(0)
+    frames = r.integers(0, 256, (3, size[1], size[0], 3), np.uint8)
+    rates, found = torch.full((2,), 0.01, device=backend.device), []
+    for recorded in (False, True, True):
+        values = tensors(example.gop, backend)
+        place = values["position"]
+        mean, square = torch.zeros_like(place), torch.zeros_like(place)
+
+        def step(
+            tau: Scalar,
+            target: Samples,
+            factor: Scalar,
+            number: Scalar,
+            values: dict[str, torch.Tensor] = values,
+            mean: torch.Tensor = mean,
+            square: torch.Tensor = square,
+        ) -> None:
+            _, gradients = backend.squared_error(values, tau, target, size)
+            value, gradient = values["position"], gradients[list(values).index("position")]
+            how = rates, factor, (0.9, 0.9), 1e-15, number
+            backend.adam_step(value, gradient, mean, square, *how)
+
+        taken = backend.recorded(step) if recorded else step
+        for number in range(1, 7):
+            index = number % 3
+            taken(index - 1.0, backend.upload(frames[index]), 1 / number, number)
+        found.append(place.numpy(force=True))
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-6)
+    assert np.abs(found[0] - example.gop.position).max() > 1e-3

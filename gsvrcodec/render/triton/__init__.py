@@ -5,7 +5,7 @@ Needs CUDA (or ROCm, which is not tested), or TRITON_INTERPRET=1 to run on the C
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,9 +18,10 @@ from torch import Tensor
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
-from gsvrcodec.render.backend import Backend, Samples, Size
+from gsvrcodec.render.backend import Backend, Samples, Scalar, Size
 from gsvrcodec.render.triton.adam import NUMBERS, adam_update
 from gsvrcodec.render.triton.launch import Parameters, Pass, on_device, scratch_bytes
+from gsvrcodec.render.triton.record import Recorded, Recorder
 
 #: Scratch memory that frames rendered together may take.
 _PASS_BYTES = 2**30
@@ -144,6 +145,7 @@ class TritonBackend(Backend):
         self.device = device
         self.blending = blending
         self._place = torch.device(device)
+        self._recorder = Recorder(self._place)
 
     def prepare(self, gop: Gop) -> dict[str, Tensor]:
         """Copy a GOP to the device, in the order that is rendered fastest."""
@@ -223,13 +225,13 @@ class TritonBackend(Backend):
     def squared_error(
         self,
         parameters: Parameters,
-        tau: float,
+        tau: Scalar,
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
     ) -> tuple[Tensor, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame and its gradients."""
-        times = torch.full((1,), tau, device=self._place)
+        times = self._number(tau)
         how = coded_size, self.blending, backdrop
         loss, named = squared_error(parameters, times, target[None], *how)
         return loss, [named[name] for name in parameters]
@@ -241,15 +243,14 @@ class TritonBackend(Backend):
         mean: Tensor,
         square: Tensor,
         rates: Tensor,
-        factor: float,
+        factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
-        step: int,
+        step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
         if not value.numel():
             return
-        beta1, beta2 = betas
         with on_device(self._place):
             adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
                 value,
@@ -259,17 +260,25 @@ class TritonBackend(Backend):
                 rates,
                 value.numel(),
                 len(rates),
-                factor / (1 - beta1**step),
-                beta1,
-                beta2,
-                1 / (1 - beta2**step),
+                self._number(factor),
+                self._number(step),
+                *betas,
                 epsilon,
             )
+
+    def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
+        """Return a step that is one launch when it is repeated."""
+        return Recorded(step, self._recorder)
 
     def upload(self, samples: NDArray[Any]) -> Tensor:
         """Copy frames or a picture to the device."""
         with memory_checked(f"hold samples of shape {samples.shape}"):
             return torch.from_numpy(np.ascontiguousarray(samples)).to(self._place)
+
+    def _number(self, value: Scalar) -> Tensor:
+        if isinstance(value, Tensor):
+            return value
+        return torch.full((1,), value, dtype=torch.float32, device=self._place)
 
     def _times(self, taus: Float32Array | list[float]) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(taus, np.float32)).to(self._place)

@@ -15,15 +15,19 @@ def adam_update(
     rate_ptr,  # (components,)
     n,
     components,
-    factor,  # of the rates, with the first moment's bias correction
+    factor_ptr,  # (1,), of the rates
+    step_ptr,  # (1,), number of this step, from 1
     beta1,
     beta2,
-    correction,  # of the second moment
     epsilon,
 ):
     """One step over n numbers, whose last axis has `components`."""
     i = tl.program_id(0) * NUMBERS + tl.arange(0, NUMBERS)
     mask = i < n
+    # What the bias of the two moments is corrected by.
+    number = tl.load(step_ptr)
+    factor = tl.load(factor_ptr) / (1.0 - tl.exp2(number * tl.log2(beta1)))
+    correction = 1.0 / (1.0 - tl.exp2(number * tl.log2(beta2)))
     gradient = tl.load(gradient_ptr + i, mask=mask, other=0.0)
     mean = tl.load(mean_ptr + i, mask=mask, other=0.0) * beta1 + gradient * (1.0 - beta1)
     square = tl.load(square_ptr + i, mask=mask, other=0.0) * beta2
