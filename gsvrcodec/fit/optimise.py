@@ -22,7 +22,9 @@ from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
+from gsvrcodec.fit.tiles import Tiles
 from gsvrcodec.fit.tuned import PREDICTION, PRICE, RELOCATION
+from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render.backend import Samples, Scalar
 
@@ -77,6 +79,7 @@ def optimise(
     *,
     price: Price | None = None,
     slope: Slope | None = None,
+    tiles: Tiles | None = None,
     quantise: Callable[[Tensors], Tensors] | None = None,
     quantise_from: float = 1.0,
 ) -> None:
@@ -90,10 +93,11 @@ def optimise(
         rng: order of the frames, places of relocated Gaussians.
         slope: that the number of Gaussians follows; None = their number stays.
         price: of changes, from the end of the coarse stage on; None = they are free.
+        tiles: that steps look at, if the backend can leave some out; no coarse stage then.
         quantise: fake quantisation of the decoder's parameters.
         quantise_from: fraction of the effort after which `quantise` is applied.
     """
-    descent = _Descent(parameters, footage, recipe, effort, rng, price, slope)
+    descent = _Descent(parameters, footage, recipe, effort, rng, price, slope, tiles)
     relocations, prunings = _Events(recipe.relocations), _Events(recipe.prunings)
     while (spent := effort.spent) < 1.0:
         if relocations.due(spent):
@@ -156,10 +160,12 @@ class _Descent:
         rng: np.random.Generator,
         price: Price | None,
         slope: Slope | None,
+        tiles: Tiles | None,
     ) -> None:
         self._parameters, self._footage, self._recipe = parameters, footage, recipe
         self._effort, self._rng = effort, rng
         self._price, self._slope = price, slope
+        self._tiles = tiles if parameters.backend.skips_tiles else None
         self._small = self._shown = halved(footage.frames) if recipe.coarse else footage.frames
         self._targets, self._behind = targets_of(parameters, self._shown, footage.size)
         reorder(parameters, footage.size)
@@ -209,14 +215,16 @@ class _Descent:
         warm_up = min(1.0, number / recipe.warm_up)
         factor = recipe.decay(spent) * patience * warm_up
         index = next(self._order)
-        how = float(self._footage.taus[index]), self._targets[index], factor, number
+        how = [float(self._footage.taus[index]), self._targets[index], factor, number]
+        if self._tiles is not None:
+            how.append(self._tiles.at(number))
         priced = self._price is not None and spent >= recipe.coarse
         kind = _Kind(self._paced.due(), priced, priced and self._priced.due())
         if quantise is not None:
-            self._take(kind, *how, quantise)
+            self._take(kind, quantise, *how)
         else:
             if kind not in self._recorded:
-                step = partial(self._take, kind)
+                step = partial(self._take, kind, None)
                 self._recorded[kind] = self._parameters.backend.recorded(step)
             self._recorded[kind](*how)
         effort.advance()
@@ -224,27 +232,29 @@ class _Descent:
     def _take(
         self,
         kind: _Kind,
+        quantise: Callable[[Tensors], Tensors] | None,
         tau: Scalar,
         target: Samples,
         factor: Scalar,
         number: Scalar,
-        quantise: Callable[[Tensors], Tensors] | None = None,
+        weights: Float32Array | None = None,
     ) -> None:
         """Take a step on one frame, as `Backend.recorded` wants it.
 
         Args:
             kind: what the step does.
+            quantise: fake quantisation of the decoder's parameters.
             tau: time of the frame.
             target: the frame.
             factor: of all rates.
             number: of the step, from 1.
-            quantise: fake quantisation of the decoder's parameters.
+            weights: of the tiles of the frame.
         """
         parameters, size = self._parameters, self._footage.size
         tensors = parameters.tensors()
         if quantise is not None:
             tensors = quantise(tensors)
-        gradients = parameters.gradients(tensors, tau, target, size, self._behind)
+        gradients = parameters.gradients(tensors, tau, target, size, self._behind, weights)
         if self._price is not None and kind.priced:
             if kind.prices:
                 self._price.look(parameters)

@@ -165,6 +165,7 @@ class Parameters:
         target: Samples,
         coded_size: tuple[int, int],
         backdrop: Samples | None = None,
+        weights: Float32Array | None = None,
     ) -> Tensors:
         """Gradients of the mean squared error of a frame in `raw`, by the names of `Gop`.
 
@@ -177,8 +178,9 @@ class Parameters:
             target: (H, W, 3) uint8 from `Backend.upload`; the frame is rendered at this size.
             coded_size: width and height that scales are relative to.
             backdrop: (H, W, 4) float32 from `footage.backdrop`; None = none.
+            weights: of the tiles of the frame, as `Backend.squared_error` takes them.
         """
-        _, found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop)
+        found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop, weights)[1]
         gradients = dict(zip(NAMES, found, strict=True))
         if "indicator" in self.raw:
             indicator = torch.sigmoid(self.raw["indicator"])

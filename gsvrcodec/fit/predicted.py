@@ -19,6 +19,7 @@ from gsvrcodec.fit.recipe import PREDICTED, FitOptions
 from gsvrcodec.fit.relocate import effects, move_weakest, sums_at
 from gsvrcodec.fit.start import affordable, tri_plane
 from gsvrcodec.fit.target import Slope, bit_worth
+from gsvrcodec.fit.tiles import Tiles
 from gsvrcodec.fit.tuned import PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
@@ -105,7 +106,8 @@ def fit_predicted(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
     price = price_of(parameters, footage, reference.qscale, rng)
-    optimise(parameters, footage, PREDICTED, effort, rng, price=price, slope=slope)
+    tiles = Tiles(footage.size, look.position[~stays], worth[~stays])
+    optimise(parameters, footage, PREDICTED, effort, rng, price=price, slope=slope, tiles=tiles)
     gop, ended_with = parameters.stored(), mean_psnr(parameters.gop(), footage, backend)
     final = parameters.anchor
     if ended_with < began_with:  # as in a still film

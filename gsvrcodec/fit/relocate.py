@@ -16,6 +16,7 @@ from gsvrcodec.fit.tuned import EFFECT, RELOCATION
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY
 from gsvrcodec.model.static import append_gaussians
+from gsvrcodec.native import _core
 from gsvrcodec.render.backend import Backend, Size
 from gsvrcodec.render.order import drawing_order
 
@@ -203,13 +204,8 @@ def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.i
 
 def _error(sums: Float32Array, wanted: Frames) -> NDArray[np.float64]:
     """Squared error around each pixel, (h, w), above zero; of sums (h, w, 4)."""
-    *colours, weight = cv2.split(sums)
-    factor, squares = 255 / (weight + GROUND), np.zeros_like(weight)
-    for channel, plane in enumerate(colours):
-        np.multiply(plane, factor, out=plane)
-        np.clip(plane, 0, 255, out=plane)
-        np.subtract(plane, wanted[..., channel], out=plane)
-        cv2.accumulateSquare(plane, squares)
+    squares = np.empty(sums.shape[:2], np.float32)
+    _core.pixel_errors(sums, wanted, squares)
     blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
     error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
     return error

@@ -119,6 +119,14 @@ class _Prediction:
 
 
 @dataclass(frozen=True, slots=True)
+class _Tiles:
+    """Steps of a predicted fit that look at parts of a frame."""
+
+    mean: float = 0.65  #: mean share of the steps that looks at a tile
+    least: float = 0.3  #: least share
+
+
+@dataclass(frozen=True, slots=True)
 class _Price:
     """Prices during a fit: price of a bit / what it is worth at the qscale."""
 
@@ -220,6 +228,7 @@ RELOCATION = _Relocation()
 EFFECT = _Effect()
 PRICE = _Price()
 PREDICTION = _Prediction()
+TILES = _Tiles()
 STEPS = _Steps()
 SLOPE = _Slope()
 STAGED = _Staged()

@@ -92,6 +92,18 @@ def render_sums(
 ) -> None:
     """Write the sums of weighted colours, and of weights, to `out` (F, H, W, 4) float32."""
 
+def pixel_errors(sums: Array, target: Array, out: Array, threads: int = 0) -> None:
+    """Write the squared error of each pixel of a mean to `out` (H, W) float32.
+
+    In 8-bit codes, clamped, summed over the colours.
+
+    Args:
+        sums: (H, W, 4) float32, as `render_sums` writes them.
+        target: (H, W, 3) uint8.
+        out: receives the errors.
+        threads: see above.
+    """
+
 def backward_float(
     parameters: Parameters,
     tau: float,
@@ -118,6 +130,7 @@ def squared_error(
     gradient: Parameters,
     threads: int,
     backdrop: Backdrop | None = None,
+    weights: Array | None = None,
 ) -> float:
     """Return the mean squared error of a frame, clamped to [0, 1], and write its gradients.
 
@@ -131,6 +144,7 @@ def squared_error(
         gradient: receives the gradients. The gradient of the clamp counts as 1 everywhere.
         threads: see above.
         backdrop: added to the sums.
+        weights: factors of the error of each tile, float32 (tiles down, tiles across); None = 1.
     """
 
 def adam_step(

@@ -22,6 +22,9 @@ Prepared = Any  #: a GOP as a backend holds it
 Samples = Any
 #: A float; in a step that a GPU has recorded, a tensor of one element there.
 Scalar = Any
+#: Width and height of the tiles of a frame whose error can be weighted, pixels; at the right and at
+#: the bottom less.
+TILE = 256, 64
 
 
 class Backend(ABC):
@@ -32,6 +35,8 @@ class Backend(ABC):
 
     device: str  #: "cpu" or "cuda:N"
     blending: Blending  #: how pictures are formed
+    #: whether a step takes less time if it leaves out some tiles of a frame
+    skips_tiles: bool = False
 
     @abstractmethod
     def prepare(self, gop: Gop) -> Prepared:
@@ -92,6 +97,7 @@ class Backend(ABC):
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
+        weights: Float32Array | None = None,
     ) -> tuple[float | Tensor, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame, in [0, 1], and its gradients.
 
@@ -103,6 +109,8 @@ class Backend(ABC):
             target: (H, W, 3) uint8 from `upload`; the frame is rendered at this size.
             coded_size: width and height that scales are relative to.
             backdrop: (H, W, 4) float32 from `upload`, added to the sums; None = nothing.
+            weights: factors of the squared error of each `TILE`, (tiles down, tiles across); None
+                = 1. Only where the backend `skips_tiles`.
         """
 
     @abstractmethod

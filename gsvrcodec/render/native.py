@@ -21,6 +21,7 @@ class NativeBackend(Backend):
     """Renders on the CPU; the result does not depend on the number of threads."""
 
     device = "cpu"
+    skips_tiles = True
 
     def __init__(self, threads: int = 0, blending: Blending = "mean") -> None:
         """Use so many native threads; 0 = GSVR_THREADS or all cores."""
@@ -107,6 +108,7 @@ class NativeBackend(Backend):
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
+        weights: Float32Array | None = None,
     ) -> tuple[float, Sequence[Tensor]]:
         """Render, compare and differentiate in one call of the core."""
         # Views as NumPy arrays: nanobind takes them ten times as fast as tensors.
@@ -121,6 +123,7 @@ class NativeBackend(Backend):
             _core.Parameters(*(gradient.numpy() for gradient in gradients)),
             threads,
             backdrop,
+            weights,
         )
         return error, gradients
 

@@ -28,7 +28,7 @@ from gsvrcodec.model.reconstruction import (
     UPSAMPLING,
     Blending,
 )
-from gsvrcodec.render.backend import Backend, Codes, Samples, Scalar, Size
+from gsvrcodec.render.backend import TILE, Backend, Codes, Samples, Scalar, Size
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 
@@ -179,6 +179,7 @@ class ReferenceBackend(Backend):
     """The equations in float64, on the CPU; slow."""
 
     device = "cpu"
+    skips_tiles = True
 
     def __init__(self, blending: Blending = "mean") -> None:
         """Form pictures so."""
@@ -254,6 +255,7 @@ class ReferenceBackend(Backend):
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
+        weights: Float32Array | None = None,
     ) -> tuple[float, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame and its gradients."""
         leaves = _leaves(parameters)
@@ -261,7 +263,12 @@ class ReferenceBackend(Backend):
         behind = None if backdrop is None else torch.from_numpy(backdrop)
         picture = render(leaves, tau, size, coded_size, self.blending, behind)
         shown = picture + (picture.clamp(0, 1) - picture).detach()
-        error = (shown - torch.from_numpy(target) / 255).square().mean()
+        squares = (shown - torch.from_numpy(target) / 255).square()
+        if weights is not None:
+            across, down = TILE
+            each = torch.from_numpy(weights).repeat_interleave(down, 0).repeat_interleave(across, 1)
+            squares = squares * each[: size[1], : size[0], None]
+        error = squares.mean()
         gradients = _gradients(error, leaves)
         return error.item(), [
             gradient.to(values.dtype)

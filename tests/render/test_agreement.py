@@ -7,11 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.reconstruction import GROUND, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
+from gsvrcodec.render.backend import TILE
 from gsvrcodec.render.native import parameters
+from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
 from tests.render.examples import EXAMPLES, TAU, Example
 
@@ -91,6 +95,49 @@ def test_squared_error(name: str, blending: Blending, isa: str, backdrop: bool) 
     )
     assert loss == pytest.approx(float((residual**2).mean()), rel=1e-4)
     examples.assert_gradients_close({n: getattr(gradient, n) for n in gradients}, gradients)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("size", [(600, 150), (530, 131), (256, 64), (20, 70)])
+def test_weighted_tiles(size: tuple[int, int], seed: int, isa: str) -> None:
+    """Of a tile with the weight 0 nothing is drawn, and its neighbours are as ever."""
+    gop = examples.all_levels(40, 2.2)
+    rng = np.random.default_rng(seed)
+    target = rng.integers(0, 256, (size[1], size[0], 3), np.uint8)
+    shape = -(-size[1] // TILE[1]), -(-size[0] // TILE[0])
+    weights = (rng.integers(0, 2, shape) * rng.uniform(0.5, 3, shape)).astype(np.float32)
+    backend = ReferenceBackend("mean")
+    values = {name: torch.from_numpy(getattr(gop, name)) for name in Gop.__slots__}
+    error, found = backend.squared_error(values, TAU, target, size, None, weights)
+    gradient = examples.empty_gradient(gop)
+    how = size[0], size[1], True, parameters(gradient), 2, None, weights
+    loss = _core.squared_error(parameters(gop), TAU, target, *how)
+    assert loss == pytest.approx(float(error), rel=1e-4)
+    expected = {n: g.numpy() for n, g in zip(Gop.__slots__, found, strict=True)}
+    examples.assert_gradients_close({n: getattr(gradient, n) for n in expected}, expected)
+
+
+def test_weights_of_other_tiles_fail() -> None:
+    gop, target = examples.random_gop(3), np.zeros((65, 257, 3), np.uint8)
+    for shape in ((1, 2), (2, 1), (2, 3)):
+        how = 257, 65, True, parameters(examples.empty_gradient(gop)), 1, None
+        with pytest.raises(ValueError, match="each tile"):
+            _core.squared_error(parameters(gop), 0.0, target, *how, np.ones(shape, np.float32))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_pixel_errors(threads: int) -> None:
+    rng = np.random.default_rng(0)
+    sums = rng.uniform(-0.2, 1.2, (37, 21, 4)).astype(np.float32)
+    sums[..., 3] = rng.uniform(0, 1, (37, 21))
+    target = rng.integers(0, 256, (37, 21, 3), np.uint8)
+    codes = 255 * sums[..., :3].astype(float) / (sums[..., 3:] + GROUND)
+    expected = np.square(codes.clip(0, 255) - target).sum(2)
+    out = np.empty((37, 21), np.float32)
+    _core.pixel_errors(sums, target, out, threads)
+    np.testing.assert_allclose(out, expected, rtol=1e-4, atol=1e-2)
+    with pytest.raises(ValueError, match="one size"):
+        _core.pixel_errors(sums, target[1:], out)
 
 
 def test_long_recurrence(isa: str) -> None:

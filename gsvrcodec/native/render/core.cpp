@@ -58,6 +58,26 @@ void render_sums(const Scene &scene, const float *taus, int frames, int threads,
     render(scene, taus, frames, threads, out, kSums, &Kernels::to_sums);
 }
 
+void pixel_errors(const float *sums, const std::uint8_t *target, Size size, int threads,
+                  float *out) {
+    constexpr int kRows = 16;  // of a job
+    parallel_for((size.height + kRows - 1) / kRows, threads, [&](int job, int) {
+        const std::size_t width = size.width, begin = width * kRows * job;
+        const std::size_t end = std::min(begin + width * kRows, width * size.height);
+        for (std::size_t i = begin; i < end; ++i) {
+            const float *own = sums + kSums * i;
+            const float factor = 255.0f / (own[3] + kGround);
+            float total = 0.0f;
+            for (int c = 0; c < 3; ++c) {
+                const float code = std::min(std::max(own[c] * factor, 0.0f), 255.0f);
+                const float apart = code - static_cast<float>(target[3 * i + c]);
+                total += apart * apart;
+            }
+            out[i] = total;
+        }
+    });
+}
+
 Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {
     const GopArrays none{};
     const RenderCall call(none, size, size, true, false);
@@ -92,25 +112,34 @@ void backward_float(const Scene &scene, float tau, int threads, const float *wei
     FrameRenderer::reserve(call, threads, *space);
     const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
     // The gradient of a sum does not depend on the picture.
-    renderer.backward(call.mean, gradient, [&](int, Tile band, const Pixels &pixels) {
-        call.kernels.from_float(weights, renderer.frame(), band, pixels);
+    const auto all = [](Tile) { return true; };
+    renderer.backward(call.mean, gradient, all, [&](int, Tile tile, const Pixels &pixels) {
+        call.kernels.from_float(weights, renderer.frame(), tile, pixels);
     });
 }
 
 double squared_error(const Scene &scene, float tau, int threads, const std::uint8_t *target,
-                     const Backdrop *backdrop, const GopArrays &gradient) {
+                     const Backdrop *backdrop, const float *weights, const GopArrays &gradient) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
     const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
+    const int columns = (call.size.width + kTileColumns - 1) / kTileColumns;
+    const auto weight = [&](Tile tile) {
+        const int row = tile.rows.begin / kTileRows, column = tile.columns.begin / kTileColumns;
+        return weights ? weights[row * columns + column] : 1.0f;
+    };
+    const auto looks = [&](Tile tile) { return weight(tile) != 0.0f; };
     double *sums = space->sums.reserve(call.levels[0].bands());
     const double samples = 3.0 * call.size.width * call.size.height;
-    renderer.backward(true, gradient, [&](int index, Tile band, const Pixels &pixels) {
-        sums[index] = call.kernels.residual(pixels, renderer.frame(), band, target,
-                                            static_cast<float>(2.0 / samples));
+    std::fill_n(sums, call.levels[0].bands(), 0.0);
+    renderer.backward(true, gradient, looks, [&](int band, Tile tile, const Pixels &pixels) {
+        const double factor = weight(tile);
+        sums[band] += factor * call.kernels.residual(pixels, renderer.frame(), tile, target,
+                                                     static_cast<float>(2.0 * factor / samples));
     });
     double total = 0.0;
-    for (int index = 0; index < call.levels[0].bands(); ++index) total += sums[index];
+    for (int band = 0; band < call.levels[0].bands(); ++band) total += sums[band];
     return total / samples;
 }
 

@@ -46,6 +46,10 @@ void render_float(const Scene &, const float *taus, int frames, int threads, flo
 // weights, which the ground has no part in.
 void render_sums(const Scene &, const float *taus, int frames, int threads, float *out);
 
+// Writes the squared error of each pixel of a mean, clamped, in 8-bit codes, summed over the
+// colours. `sums` is (height, width, 4), `target` (height, width, 3), `out` (height, width).
+void pixel_errors(const float *sums, const std::uint8_t *target, Size, int threads, float *out);
+
 // Writes the gradients of sum(frame * weights) of one frame; `weights` is (height, width, 3).
 // `backdrop` may be null.
 void backward_float(const Scene &, float tau, int threads, const float *weights,
@@ -53,9 +57,10 @@ void backward_float(const Scene &, float tau, int threads, const float *weights,
 
 // Returns the mean squared error of the frame, clamped to [0, 1], against `target`, and writes the
 // gradients of the error; the gradient of the clamp counts as 1 everywhere. `target` is
-// (height, width, 3); `backdrop` as above.
+// (height, width, 3); `backdrop` as above. `weights` has a factor of the error for each tile of
+// kTileRows and kTileColumns; where it is 0, nothing is drawn. Null: all are 1.
 double squared_error(const Scene &, float tau, int threads, const std::uint8_t *target,
-                     const Backdrop *backdrop, const GopArrays &gradient);
+                     const Backdrop *backdrop, const float *weights, const GopArrays &gradient);
 
 // The state of Adam for n parameters. The learning rate of parameter i is rate[i % period].
 struct Adam {

@@ -108,7 +108,7 @@ void FrameRenderer::reserve(const RenderCall &call, int bands, Workspace &space)
     space.splats.reserve(blocks(gop));
     space.boxes.reserve(static_cast<std::size_t>(blocks(gop)) * kLayers);
     space.lines.reserve(static_cast<std::size_t>(gop.gx + gop.gy) * kChannels);
-    space.pixels.reserve(bands * call.levels[0].band_floats());
+    space.pixels.reserve(bands * 2 * tile_floats(call));
     space.pictures.reserve(picture_floats(call));
 }
 
@@ -183,7 +183,8 @@ StaticPyramid FrameRenderer::draw_static_pyramid() const {
 
 Pixels FrameRenderer::level_pixels(float *pictures, int first, int level) const {
     const PyramidLevel &own = call_.levels[level];
-    return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows, 0};
+    return {pictures + picture_floats(call_, first, level), 0, own.bands() * own.band_rows,
+            Pixels::kAllStrips};
 }
 
 Pixels FrameRenderer::static_picture(int level) const {
@@ -216,8 +217,7 @@ void FrameRenderer::set_static_tile(int level, Tile tile, const Pixels &pixels) 
     const int begin = tile.columns.begin / kStripWidth;
     const int end = (tile.columns.end + kStripWidth - 1) / kStripWidth;
     const auto strip_of = [&](const Pixels &of, int strip) {
-        const std::ptrdiff_t before = static_cast<std::ptrdiff_t>(strip - of.first_strip) * of.rows;
-        return of.data + (before + tile.rows.begin - of.first_row) * kRowFloats;
+        return of.data + of.strip_offset(strip) + (tile.rows.begin - of.first_row) * kRowFloats;
     };
     if (level < static_pyramid_.levels) {
         const Pixels drawn = static_picture(level);
@@ -243,30 +243,56 @@ void FrameRenderer::rasterise_tile(int level, Tile tile, const Pixels &pixels) c
     call_.kernels.rasterise(layers_[level], tile, pixels);
 }
 
-void FrameRenderer::backward_band(int level, Tile band, const Pixels &pixels) const {
-    call_.kernels.gather_moments(layers_[level], band, pixels, space_.moments.get());
+void FrameRenderer::backward_tile(int level, Tile tile, const Pixels &pixels) const {
+    call_.kernels.gather_moments(layers_[level], tile, pixels, space_.moments.get());
+    downsample_tile(level, tile, false, pixels);
+}
+
+void FrameRenderer::skip_tile(Tile tile, const Pixels &pixels) const {
+    const SplatLayer &layer = layers_[0];
+    for (int block = layer.begin; block < layer.end; ++block)
+        if (layer.boxes[block].touches(tile) && layer.first(block, tile))
+            space_.moments.get()[layer.slot(block, tile.rows)] = {};
+    const int begin = tile.columns.begin / kStripWidth;
+    const int end = (tile.columns.end + kStripWidth - 1) / kStripWidth;
+    for (int strip = begin; strip < end; ++strip)
+        if (strip < begin + 3 || strip >= end - 3)
+            std::memset(pixels.data + pixels.strip_offset(strip), 0,
+                        sizeof(float) * kRowFloats * pixels.rows);
+    downsample_tile(0, tile, true, pixels);
+}
+
+void FrameRenderer::downsample_tile(int level, Tile tile, bool blank, const Pixels &pixels) const {
     if (level == coarsest_) return;
     const PyramidLevel &own = call_.levels[level], &coarser = call_.levels[level + 1];
-    const int index = band.rows.begin / own.band_rows;
-    call_.kernels.downsample(pixels, own.size.width, own.size.height, band.rows,
+    const int index = tile.rows.begin / own.band_rows;
+    call_.kernels.downsample(pixels, own.size.width, own.size.height, tile, blank,
                              picture_gradient(level + 1), coarser.size.width,
                              edges(level) + 2 * index * coarser.line_floats());
 }
 
+void FrameRenderer::add_edges(int level, Range rows) const {
+    const PyramidLevel &own = call_.levels[level], &finer = call_.levels[level - 1];
+    const auto add = [&](const float *line, int row) {
+        if (rows.begin <= row && row < rows.end)
+            add_line(line, own, row, call_.kernels.lanes, picture_gradient(level));
+    };
+    for (int index = 0; index < finer.bands(); ++index) {
+        const Range band = finer.band(index).rows;
+        const float *lines = edges(level - 1) + 2 * index * own.line_floats();
+        if (index) add(lines, band.begin / 2 - 1);
+        if (index + 1 < finer.bands()) add(lines + own.line_floats(), band.end / 2);
+    }
+}
+
 void FrameRenderer::backward_levels() const {
     for (int level = 1; level <= coarsest_; ++level) {
-        const PyramidLevel &own = call_.levels[level], &finer = call_.levels[level - 1];
-        const Pixels pixels = picture_gradient(level);
-        for (int index = 0; index < finer.bands(); ++index) {
-            const Range band = finer.band(index).rows;
-            const float *lines = edges(level - 1) + 2 * index * own.line_floats();
-            const int lanes = call_.kernels.lanes;
-            if (index) add_line(lines, own, band.begin / 2 - 1, lanes, pixels);
-            if (index + 1 < finer.bands())
-                add_line(lines + own.line_floats(), own, band.end / 2, lanes, pixels);
-        }
-        parallel_for(own.bands(), threads_,
-                     [&](int index, int) { backward_band(level, own.band(index), pixels); });
+        const PyramidLevel &own = call_.levels[level];
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            const Tile band = own.band(index);
+            add_edges(level, band.rows);
+            backward_tile(level, band, picture_gradient(level));
+        });
     }
 }
 

@@ -66,45 +66,52 @@ class FrameRenderer {
     template <class Done>
     void render(Done done) const {
         render_levels();
-        for_bands([&](int, Tile band, Pixels pixels) {
-            for (int x = 0; x < band.columns.end; x += kTileColumns) {
-                const Tile tile{band.rows, {x, std::min(x + kTileColumns, band.columns.end)}};
-                pixels.first_strip = x / kStripWidth;
-                rasterise_tile(0, tile, pixels);
-                done(tile, pixels);
-            }
+        for_tiles(1, [&](int, Tile tile, const Pixels &pixels) {
+            rasterise_tile(0, tile, pixels);
+            done(tile, pixels);
         });
     }
 
-    // Writes the gradients of all parameters. For each band, fill(index, band, pixels) writes the
-    // gradient of the pixels to `pixels`, with zeros beyond the frame. render_first: `pixels` holds
-    // the rasterised band when `fill` is called.
-    template <class Fill>
-    void backward(bool render_first, const GopArrays &gradient, Fill fill) const {
+    // Writes the gradients of all parameters. For each tile of each band, from left to right,
+    // fill(band, tile, pixels) writes the gradient of the pixels to `pixels`, with zeros beyond the
+    // frame. render_first: `pixels` holds the rasterised tile when `fill` is called. Where
+    // looks(tile) is false the gradient is zero, and nothing is drawn. There are no static splats
+    // of its own.
+    template <class Looks, class Fill>
+    void backward(bool render_first, const GopArrays &gradient, Looks looks, Fill fill) const {
         reserve_backward();
         if (render_first) render_levels();
-        for_bands([&](int index, Tile band, const Pixels &pixels) {
-            if (render_first) rasterise_tile(0, band, pixels);
-            fill(index, band, pixels);
-            backward_band(0, band, pixels);
+        for_tiles(2, [&](int band, Tile tile, const Pixels &pixels) {
+            if (!looks(tile)) return skip_tile(tile, pixels);
+            if (render_first) rasterise_tile(0, tile, pixels);
+            fill(band, tile, pixels);
+            backward_tile(0, tile, pixels);
         });
         backward_levels();
         backward_deformation(gradient);
     }
 
    private:
-    // Columns of a tile that is rendered. A tile stays in the second cache of most processors, with
-    // the static splats that are added to it.
-    static constexpr int kTileColumns = 256;
+    static constexpr int kTileStrips = kTileColumns / kStripWidth;  // a power of two
 
+    static std::size_t tile_floats(const RenderCall &call) {
+        return static_cast<std::size_t>(kTileStrips) * kRowFloats * call.levels[0].band_rows;
+    }
+
+    // Calls body(band, tile, pixels) for each tile of level 0: bands in any order, the tiles of one
+    // from left to right. `pixels` holds the last `kept` tiles, 1 or 2: `downsample` needs the tile
+    // on the left too.
     template <class Body>
-    void for_bands(Body body) const {
+    void for_tiles(int kept, Body body) const {
         const PyramidLevel &frame = call_.levels[0];
         parallel_for(frame.bands(), threads_, [&](int index, int worker) {
             const Tile band = frame.band(index);
-            body(index, band,
-                 Pixels{space_.pixels.get() + worker * frame.band_floats(), band.rows.begin,
-                        frame.band_rows, 0});
+            const Pixels pixels{space_.pixels.get() + worker * 2 * tile_floats(call_),
+                                band.rows.begin, frame.band_rows, kept * kTileStrips - 1};
+            for (int x = 0; x < band.columns.end; x += kTileColumns) {
+                const int end = std::min(x + kTileColumns, band.columns.end);
+                body(index, Tile{band.rows, {x, end}}, pixels);
+            }
         });
     }
     // The whole picture of a level above 0, and the gradient of that picture.
@@ -113,6 +120,8 @@ class FrameRenderer {
     // Gradients of the next coarser level: of the rows just above and just below each band of
     // `level`. They are added to the picture later, so that no two threads write the same row.
     float *edges(int level) const;
+    // Adds the edges of the next finer level to rows of a level's picture gradient.
+    void add_edges(int level, Range rows) const;
     void render_levels() const;
     void backward_levels() const;
     // The pixels of a whole level in a buffer that holds the levels from `first` on.
@@ -123,8 +132,13 @@ class FrameRenderer {
     void set_static_tile(int level, Tile, const Pixels &) const;
     // Sets a tile of a level to the sum of its splats and of the coarser levels.
     void rasterise_tile(int level, Tile, const Pixels &) const;
-    // From the gradient of a band: moments of its splats, and gradient of the next coarser level.
-    void backward_band(int level, Tile band, const Pixels &) const;
+    // From the gradient of a tile: moments of its splats, and gradient of the next coarser level.
+    // The tiles of a band follow each other from left to right.
+    void backward_tile(int level, Tile, const Pixels &) const;
+    // The same for a tile of level 0 whose gradient is zero.
+    void skip_tile(Tile, const Pixels &) const;
+    // From the gradient of a tile, which is zero if `blank`: gradient of the next coarser level.
+    void downsample_tile(int level, Tile, bool blank, const Pixels &) const;
     void reserve_backward() const;
     void backward_deformation(const GopArrays &gradient) const;
 

@@ -3,6 +3,7 @@
 // Equations: spec/gsvr.md, section "Reconstruction".
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "reconstruction.hpp"
@@ -69,6 +70,10 @@ struct Tile {
     Range rows, columns;
 };
 
+// Pixels of a tile of level 0: a tile stays in the second cache of most processors. Its rows are a
+// whole number of bands of every instruction set.
+constexpr int kTileColumns = 256, kTileRows = 64;
+
 // The box that the splats of one block touch in one layer. The moments of the block start at
 // `slot`: one for each band that the block touches.
 struct BlockBox {
@@ -76,6 +81,10 @@ struct BlockBox {
     int slot;
 
     bool empty() const { return rows.begin >= rows.end; }
+    bool touches(Tile tile) const {
+        return rows.begin < tile.rows.end && rows.end > tile.rows.begin &&
+               columns.begin < tile.columns.end && columns.end > tile.columns.begin;
+    }
 };
 
 inline int blocks(const GopArrays &gop) { return (gop.n + kBlock - 1) / kBlock; }
@@ -95,6 +104,15 @@ struct SplatLayer {
     int band_rows;  // rows of a band of the layer's level
 
     bool empty() const { return begin >= end; }
+    // Where the moments of a block in a band that it touches are, and whether a tile of that band
+    // is the first that the block touches; tiles come from left to right.
+    int slot(int block, Range band) const {
+        const BlockBox &box = boxes[block];
+        return box.slot + band.begin / band_rows - box.rows.begin / band_rows;
+    }
+    bool first(int block, Tile tile) const {
+        return boxes[block].columns.begin >= tile.columns.begin;
+    }
 };
 
 // Sums over the pixels of a band from which the gradients of a block's Gaussians are computed:
@@ -104,14 +122,22 @@ struct alignas(64) Moments {
     float weight[kBlock];  // as red, of the weight
 };
 
-// The rows [first_row, first_row + rows) of a picture, from strip first_strip on, stored in
-// vertical strips of kStripWidth columns: [strip][row / r][channel][row % r][column], with r the
-// pixel rows of a vector. All rows of a strip are stored together, so that a splat touches few
-// pages and cache lines. first_row and rows are multiples of r. Rows and columns beyond the picture
-// hold arbitrary values.
+// The rows [first_row, first_row + rows) of a picture, stored in vertical strips of kStripWidth
+// columns: [place][row / r][channel][row % r][column], with r the pixel rows of a vector. All rows
+// of a strip are stored together, so that a splat touches few pages and cache lines. first_row and
+// rows are multiples of r. Rows and columns beyond the picture hold arbitrary values.
 struct Pixels {
     float *data;
-    int first_row, rows, first_strip;
+    int first_row, rows;
+    // The place of a strip is `strip & place_mask`: kAllStrips if each strip of the picture has its
+    // own, 2^n - 1 if the strips take 2^n places in turn.
+    int place_mask;
+
+    static constexpr int kAllStrips = ~0;
+    // The floats before those of a strip.
+    std::ptrdiff_t strip_offset(int strip) const {
+        return static_cast<std::ptrdiff_t>(strip & place_mask) * rows * kRowFloats;
+    }
 };
 
 struct Kernels {
@@ -130,12 +156,15 @@ struct Kernels {
     // be `fine`; null adds nothing.
     void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile,
                      const Pixels *base);
-    // The adjoint of upsample: writes the gradient of the next coarser level from the rows `rows`
-    // of `fine`, the gradient of a level, which must be zero beyond the picture. The parts of the
-    // coarse rows just above and just below the written rows go to `edges`: two rows, each of
-    // kRowFloats for each strip of the coarse level.
-    void (*downsample)(Pixels fine, int fine_width, int fine_height, Range rows, Pixels coarse,
-                       int coarse_width, float *edges);
+    // The adjoint of upsample: writes the gradient of the next coarser level from a tile of `fine`,
+    // the gradient of a level, which must be zero beyond the picture. The tiles of a band come from
+    // left to right, each of whole coarse strips. The last coarse strip of a tile is written with
+    // the next tile, whose first pixels it needs: `fine` must still hold the last three strips of
+    // the tile then. The parts of the coarse rows just above and just below the written rows go to
+    // `edges`: two rows, each of kRowFloats for each strip of the coarse level. blank: the tile is
+    // zero; only its first and last three strips are read.
+    void (*downsample)(Pixels fine, int fine_width, int fine_height, Tile, bool blank,
+                       Pixels coarse, int coarse_width, float *edges);
     // Convert the pixels of a tile to interleaved samples of the frame, which begins at `out`.
     // to_planes8 writes three planes instead. to_sums writes all four sums as they are.
     void (*to_rgb8)(Pixels, const Frame &, Tile, std::uint8_t *out);
@@ -149,8 +178,9 @@ struct Kernels {
     // target)), in which that of the clamp counts as 1, and returns the sum of the squares;
     // `target` is the frame.
     double (*residual)(Pixels, const Frame &, Tile, const std::uint8_t *target, float scale);
-    // Writes the moments of the splats of one layer from the gradient of the pixels of a tile,
-    // which is a whole band.
+    // Adds to the moments of the splats of one layer, from the gradient of the pixels of a tile.
+    // The tiles of a band come from left to right: the first that a block touches clears the
+    // block's moments in the band.
     void (*gather_moments)(const SplatLayer &, Tile, Pixels, Moments *);
     // Computes the gradients of the Gaussians of the blocks [begin, end) from the moments of all
     // bands. The gradients of the tri-plane are added to `xy` and to the two lines; the others are

@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -150,6 +151,19 @@ void render_sums(const Parameters &parameters, Times taus, Pictures<float> out, 
 }
 
 using Sums = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
+using Plane = nb::ndarray<float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+
+void pixel_errors(Sums sums, Image<const std::uint8_t> target, Plane out, int threads) {
+    const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
+    const auto same = [&](const auto &array) {
+        return array.shape(0) == sums.shape(0) && array.shape(1) == sums.shape(1);
+    };
+    require(same(target) && same(out), "sums, target and out must be of one size");
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::pixel_errors(sums.data(), target.data(), size, threads, out.data());
+}
+
 void init_backdrop(gsvr::Backdrop *self, Sums sums) {
     const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
     nb::gil_scoped_release release;
@@ -177,16 +191,28 @@ void backward_float(const Parameters &parameters, float tau, Image<const float> 
     gsvr::backward_float(scene, tau, threads, weights.data(), backdrop, gradient.arrays);
 }
 
+using TileWeights = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+
 double squared_error(const Parameters &parameters, float tau, Image<const std::uint8_t> target,
                      int coded_width, int coded_height, bool mean, const Parameters &gradient,
-                     int threads, const gsvr::Backdrop *backdrop) {
+                     int threads, const gsvr::Backdrop *backdrop,
+                     std::optional<TileWeights> weights) {
     require(gradient.same_shape(parameters), "gradient must have the shapes of the parameters");
     const gsvr::Scene scene{parameters.arrays, checked(target.shape(1), target.shape(0)),
                             checked(coded_width, coded_height), mean};
     check(backdrop, scene.size);
+    if (weights) {
+        const auto tiles = [](int pixels, int tile) {
+            return std::size_t((pixels + tile - 1) / tile);
+        };
+        require(weights->shape(0) == tiles(scene.size.height, gsvr::kTileRows) &&
+                    weights->shape(1) == tiles(scene.size.width, gsvr::kTileColumns),
+                "weights must have an entry for each tile of the picture");
+    }
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    return gsvr::squared_error(scene, tau, threads, target.data(), backdrop, gradient.arrays);
+    return gsvr::squared_error(scene, tau, threads, target.data(), backdrop,
+                               weights ? weights->data() : nullptr, gradient.arrays);
 }
 
 void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
@@ -241,8 +267,10 @@ NB_MODULE(_core, m) {
           "coded_height"_a, "mean"_a, "threads"_a);
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
+    m.def("pixel_errors", &pixel_errors, "sums"_a, "target"_a, "out"_a, "threads"_a = 0);
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
-          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
+          "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none(),
+          "weights"_a.none() = nb::none());
     m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
           exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
 }

@@ -8,9 +8,8 @@
 // The first pixel of a row of a strip, red.
 static inline float *strip_row(const Pixels &pixels, int strip, int row) {
     const unsigned down = static_cast<unsigned>(row - pixels.first_row);
-    return pixels.data +
-           static_cast<std::ptrdiff_t>(strip - pixels.first_strip) * pixels.rows * kRowFloats +
-           down / kVectorRows * kStepFloats + down % kVectorRows * kStripWidth;
+    return pixels.data + pixels.strip_offset(strip) + down / kVectorRows * kStepFloats +
+           down % kVectorRows * kStripWidth;
 }
 
 // Distances in floats from an even row to the next row and to the next even row.
@@ -104,15 +103,18 @@ struct DownsampledRow {
 static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int strip, int row) {
     const int first = 2 * strip, count = strips(width);
     const float *left = strip_row(fine, first, row);
+    const std::ptrdiff_t own = fine.strip_offset(first);
+    const std::ptrdiff_t next = fine.strip_offset(first + 1) - own;
+    const std::ptrdiff_t last_before = fine.strip_offset(first - 1) - own + kStripWidth - 1;
+    const std::ptrdiff_t first_after = fine.strip_offset(first + 2) - own;
     DownsampledRow n;
     for (int c = 0; c < kSums; ++c, left += kChannelFloats) {
-        const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
         const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
         // The fine pixels just outside the two strips. At the edge of the picture, upsampling
         // repeats the outermost coarse pixel: the outermost fine pixel takes the place of the
         // missing one.
-        const float before = first ? left[kStripWidth - 1 - next] : left[0];
-        const float after = first + 2 < count ? left[2 * next] : 0.0f;
+        const float before = first ? left[last_before] : left[0];
+        const float after = first + 2 < count ? left[first_after] : 0.0f;
         v8 even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
         v8 odd = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15);
         v8 back = __builtin_shufflevector(before - v8{}, odd, 0, 8, 9, 10, 11, 12, 13, 14);
@@ -124,17 +126,25 @@ static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int 
     return n;
 }
 
-void downsample(Pixels fine, int fine_width, int fine_height, Range rows, Pixels coarse,
+void downsample(Pixels fine, int fine_width, int fine_height, Tile tile, bool blank, Pixels coarse,
                 int coarse_width, float *edges) {
     const FlushDenormals flush;
     const int count = strips(coarse_width);
     const int last_row = (fine_height - 1) / 2;
-    for (int strip = 0; strip < count; ++strip) {
+    const Range rows = tile.rows;
+    // The coarse strips for which the fine pixels on the left of a column suffice.
+    const auto strips_before = [&](int column) {
+        return column < fine_width ? max(column / (2 * kStripWidth) - 1, 0) : count;
+    };
+    const int end = strips_before(tile.columns.end);
+    for (int strip = strips_before(tile.columns.begin); strip < end; ++strip) {
         const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
         const i8 inside = lane < coarse_width - strip * kStripWidth;
+        // The first coarse strip of a blank tile, too, has a neighbour that may not be zero.
+        const bool zero = blank && strip > tile.columns.begin / (2 * kStripWidth);
         const auto at = [&](int row) {
-            return row < rows.end ? downsampled_row(fine, fine_width, strip, row)
-                                  : DownsampledRow{};
+            return row < rows.end && !zero ? downsampled_row(fine, fine_width, strip, row)
+                                           : DownsampledRow{};
         };
         const auto put = [&](float *p, int channel_stride, int c, v8 v) {
             store8(p + c * channel_stride, (v8)((i8)v & inside));

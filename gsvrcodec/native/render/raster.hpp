@@ -6,16 +6,9 @@ constexpr int kChannelFloats = kVectorRows * kStripWidth;
 constexpr int kStepFloats = kVectorRows * kRowFloats;
 
 static inline float *first_pixel(const Pixels &pixels, const Segments &c, int n) {
-    const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
     const unsigned x = static_cast<unsigned>(c.x[n]);
-    const int own = static_cast<int>(x / kStripWidth) - pixels.first_strip;
-    return pixels.data + own * strip + (c.row[n] - pixels.first_row) * kRowFloats + x % kStripWidth;
-}
-
-static inline bool overlap(Range a, Range b) { return a.begin < b.end && a.end > b.begin; }
-
-static inline bool touches(const BlockBox &box, Tile tile) {
-    return overlap(box.rows, tile.rows) && overlap(box.columns, tile.columns);
+    return pixels.data + pixels.strip_offset(static_cast<int>(x / kStripWidth)) +
+           (c.row[n] - pixels.first_row) * kRowFloats + x % kStripWidth;
 }
 
 static inline void add_segment(const Splats &s, const Segments &c, int n, const Pixels &pixels) {
@@ -37,7 +30,7 @@ void rasterise(const SplatLayer &layer, Tile tile, Pixels pixels) {
     const FlushDenormals flush;
     Segments c;
     for (int block = layer.begin; block < layer.end; ++block) {
-        if (!touches(layer.boxes[block], tile)) continue;
+        if (!layer.boxes[block].touches(tile)) continue;
         const Splats &s = layer.splats[block];
         for_segments(s, layer.index, tile, c, [&] {
             for (int n = 0; n < c.count; ++n) add_segment(s, c, n, pixels);
@@ -53,7 +46,7 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
     const int l = c.splat[n];
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     const float share = s.colour[3][l];
-    vf r{}, g{}, b{}, a{}, p0{}, p1{}, p2{};
+    vf r = total[0], g = total[1], b = total[2], a = total[8], p0{}, p1{}, p2{};
     const float *p = first_pixel(pixels, c, n);
     for_steps(s, c, n, [&](vf e) {
         const vf w = max(e - kCutoff, vf{});
@@ -74,16 +67,16 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
     const vf last =
         (static_cast<float>(c.row[n] + (steps - 1) * kVectorRows) + 0.5f - s.cy[l]) + kPixelY;
     const vf y = last * p0 - kVectorRows * p1;
-    total[0] += r;
-    total[1] += g;
-    total[2] += b;
+    total[0] = r;
+    total[1] = g;
+    total[2] = b;
     total[3] += p0 * x;
     total[4] += y;
     total[5] += p0 * x * x;
     total[6] += y * x;
     total[7] += last * (last * p0 - 2.0f * kVectorRows * p1) +
                 (kVectorRows * kVectorRows) * (2.0f * p2 + p1);
-    total[8] += a;
+    total[8] = a;
 }
 
 // Adds the moments of the collected segments. They are sorted by splat first, so that the lanes of
@@ -92,12 +85,15 @@ static inline void gather_segments(const Splats &s, const Segments &c, const Pix
                                    Moments &moments) {
     int first[kBlock], next[Segments::kCapacity];
     for (int &n : first) n = c.count;
+    unsigned present = 0;
     for (int n = c.count - 1; n >= 0; --n) {
-        next[n] = first[c.splat[n]];
-        first[c.splat[n]] = n;
+        const int l = c.splat[n];
+        next[n] = first[l];
+        first[l] = n;
+        present |= 1u << l;
     }
-    for (int l = 0; l < kBlock; ++l) {
-        if (first[l] == c.count) continue;
+    for (; present; present &= present - 1) {
+        const int l = __builtin_ctz(present);
         vf total[9] = {};
         for (int n = first[l]; n < c.count; n = next[n]) add_moments(s, c, n, pixels, total);
         store8(moments.of[l], load8(moments.of[l]) + sums(total));
@@ -109,12 +105,10 @@ void gather_moments(const SplatLayer &layer, Tile tile, Pixels pixels, Moments *
     const FlushDenormals flush;
     Segments c;
     for (int block = layer.begin; block < layer.end; ++block) {
-        const BlockBox &box = layer.boxes[block];
-        if (!touches(box, tile)) continue;
+        if (!layer.boxes[block].touches(tile)) continue;
         const Splats &s = layer.splats[block];
-        const int index = tile.rows.begin / layer.band_rows - box.rows.begin / layer.band_rows;
-        Moments &own = moments[box.slot + index];
-        own = {};
+        Moments &own = moments[layer.slot(block, tile.rows)];
+        if (layer.first(block, tile)) own = {};
         for_segments(s, layer.index, tile, c, [&] { gather_segments(s, c, pixels, own); });
     }
 }

@@ -8,7 +8,7 @@ template <class Body>
 static inline void for_steps_of_strips(const Pixels &pixels, Tile tile, Body body) {
     const std::ptrdiff_t strip = static_cast<std::ptrdiff_t>(pixels.rows) * kRowFloats;
     for (int row = tile.rows.begin; row < tile.rows.end; row += kVectorRows) {
-        float *red = pixels.data + (tile.columns.begin / kStripWidth - pixels.first_strip) * strip +
+        float *red = pixels.data + pixels.strip_offset(tile.columns.begin / kStripWidth) +
                      static_cast<std::ptrdiff_t>(row - pixels.first_row) * kRowFloats;
         for (int x = tile.columns.begin; x < tile.columns.end; x += kStripWidth, red += strip)
             body(x, row, red);
@@ -224,11 +224,14 @@ double residual(Pixels pixels, const Frame &frame, Tile tile, const std::uint8_t
                 float scale) {
     double total = 0.0;
     wide squares{};
+    const int last_row = frame.height - 1;
     for_steps_of_strips(pixels, tile, [&](int x, int row, float *red) {
         const int samples = min(kStripWidth, tile.columns.end - x);
         i8 codes[kVectorRows] = {}, inside_row[kVectorRows] = {};
         for (int k = 0; k < min(kVectorRows, tile.rows.end - row); ++k) {
             const std::uint8_t *p = target + 3 * pixel_at(frame, x, row + k);
+            // In a tile, rows are too short for the processor to fetch them ahead by itself.
+            __builtin_prefetch(target + 3 * pixel_at(frame, x, min(row + k + 8, last_row)));
             if (samples == kStripWidth) {
                 codes[k] = load_rgb(p);
                 inside_row[k] = ~i8{};

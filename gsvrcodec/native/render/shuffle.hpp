@@ -210,11 +210,17 @@ static inline v8 sums(const vf *v) {
 #endif
 
 static inline float sum8(v8 v) {
-    return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7]));
+    const v8 fours = v + __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
+    const v8 pairs = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5);
+    return pairs[0] + pairs[1];
 }
 
 static inline float sum(vf v) {
-    float total = 0.0f;
-    for (int i = 0; i < kLanes; i += 4) total += (v[i] + v[i + 1]) + (v[i + 2] + v[i + 3]);
-    return total;
+#if GSVR_LANES == 16
+    return sum8(low(v) + high(v));
+#elif GSVR_LANES == 8
+    return sum8(v);
+#else
+    return (v[0] + v[1]) + (v[2] + v[3]);
+#endif
 }

@@ -229,8 +229,10 @@ class TritonBackend(Backend):
         target: Samples,
         coded_size: Size,
         backdrop: Samples | None = None,
+        weights: Float32Array | None = None,
     ) -> tuple[Tensor, Sequence[Tensor]]:
         """Return the mean squared error of one clamped frame and its gradients."""
+        assert weights is None
         times = self._number(tau)
         how = coded_size, self.blending, backdrop
         loss, named = squared_error(parameters, times, target[None], *how)
