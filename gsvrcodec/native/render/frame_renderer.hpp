@@ -75,8 +75,8 @@ class FrameRenderer {
     // Writes the gradients of all parameters. For each tile of each band, from left to right,
     // fill(band, tile, pixels) writes the gradient of the pixels to `pixels`, with zeros beyond the
     // frame. render_first: `pixels` holds the rasterised tile when `fill` is called. Where
-    // looks(tile) is false the gradient is zero, and nothing is drawn. There are no static splats
-    // of its own.
+    // looks(tile) is false, nothing is drawn, and the gradient is zero. Static splats must not be
+    // separate.
     template <class Looks, class Fill>
     void backward(bool render_first, const GopArrays &gradient, Looks looks, Fill fill) const {
         reserve_backward();
