@@ -167,8 +167,7 @@ class TestPredicted:
             kept.append(np.count_nonzero(content.carried.mode == 0))
             sizes.append(len(done.payload))
         assert sizes[0] < 0.85 * min(sizes[1:])
-        assert kept == sorted(kept, reverse=True)
-        assert kept[0] > 2 * kept[2]
+        assert kept[0] > 2 * max(kept[1:])
 
     def test_another_picture_begins_a_key_gop(self, key: tuple[GopJob, EncodedGop]) -> None:
         job = following(key, 255 - self.GOES_ON, Budget(200, grid=(4, 3, 4)))
