@@ -92,7 +92,7 @@ def render_sums(
 ) -> None:
     """Write the sums of weighted colours, and of weights, to `out` (F, H, W, 4) float32."""
 
-def pixel_errors(sums: Array, target: Array, out: Array, threads: int = 0) -> None:
+def pixel_errors(sums: Array, target: Array, out: Array) -> None:
     """Write the squared error of each pixel of a mean to `out` (H, W) float32.
 
     In 8-bit codes, clamped, summed over the colours.
@@ -101,7 +101,6 @@ def pixel_errors(sums: Array, target: Array, out: Array, threads: int = 0) -> No
         sums: (H, W, 4) float32, as `render_sums` writes them.
         target: (H, W, 3) uint8.
         out: receives the errors.
-        threads: see above.
     """
 
 def backward_float(

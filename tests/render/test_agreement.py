@@ -125,8 +125,7 @@ def test_weights_of_other_tiles_fail() -> None:
             _core.squared_error(parameters(gop), 0.0, target, *how, np.ones(shape, np.float32))
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_pixel_errors(threads: int) -> None:
+def test_pixel_errors() -> None:
     rng = np.random.default_rng(0)
     sums = rng.uniform(-0.2, 1.2, (37, 21, 4)).astype(np.float32)
     sums[..., 3] = rng.uniform(0, 1, (37, 21))
@@ -134,7 +133,7 @@ def test_pixel_errors(threads: int) -> None:
     codes = 255 * sums[..., :3].astype(float) / (sums[..., 3:] + GROUND)
     expected = np.square(codes.clip(0, 255) - target).sum(2)
     out = np.empty((37, 21), np.float32)
-    _core.pixel_errors(sums, target, out, threads)
+    _core.pixel_errors(sums, target, out)
     np.testing.assert_allclose(out, expected, rtol=1e-4, atol=1e-2)
     with pytest.raises(ValueError, match="one size"):
         _core.pixel_errors(sums, target[1:], out)

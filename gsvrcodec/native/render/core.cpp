@@ -58,24 +58,17 @@ void render_sums(const Scene &scene, const float *taus, int frames, int threads,
     render(scene, taus, frames, threads, out, kSums, &Kernels::to_sums);
 }
 
-void pixel_errors(const float *sums, const std::uint8_t *target, Size size, int threads,
-                  float *out) {
-    constexpr int kRows = 16;  // of a job
-    parallel_for((size.height + kRows - 1) / kRows, threads, [&](int job, int) {
-        const std::size_t width = size.width, begin = width * kRows * job;
-        const std::size_t end = std::min(begin + width * kRows, width * size.height);
-        for (std::size_t i = begin; i < end; ++i) {
-            const float *own = sums + kSums * i;
-            const float factor = 255.0f / (own[3] + kGround);
-            float total = 0.0f;
-            for (int c = 0; c < 3; ++c) {
-                const float code = std::min(std::max(own[c] * factor, 0.0f), 255.0f);
-                const float apart = code - static_cast<float>(target[3 * i + c]);
-                total += apart * apart;
-            }
-            out[i] = total;
+void pixel_errors(const float *sums, const std::uint8_t *target, std::size_t pixels, float *out) {
+    for (std::size_t i = 0; i < pixels; ++i, sums += kSums, target += 3) {
+        const float factor = 255.0f / (sums[3] + kGround);
+        float total = 0.0f;
+        for (int c = 0; c < 3; ++c) {
+            const float code = std::min(std::max(sums[c] * factor, 0.0f), 255.0f);
+            const float apart = code - static_cast<float>(target[c]);
+            total += apart * apart;
         }
-    });
+        out[i] = total;
+    }
 }
 
 Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {

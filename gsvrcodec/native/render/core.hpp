@@ -47,8 +47,8 @@ void render_float(const Scene &, const float *taus, int frames, int threads, flo
 void render_sums(const Scene &, const float *taus, int frames, int threads, float *out);
 
 // Writes the squared error of each pixel of a mean, clamped, in 8-bit codes, summed over the
-// colours. `sums` is (height, width, 4), `target` (height, width, 3), `out` (height, width).
-void pixel_errors(const float *sums, const std::uint8_t *target, Size, int threads, float *out);
+// colours. `sums` is (pixels, 4), `target` (pixels, 3), `out` (pixels).
+void pixel_errors(const float *sums, const std::uint8_t *target, std::size_t pixels, float *out);
 
 // Writes the gradients of sum(frame * weights) of one frame; `weights` is (height, width, 3).
 // `backdrop` may be null.

@@ -153,15 +153,13 @@ void render_sums(const Parameters &parameters, Times taus, Pictures<float> out, 
 using Sums = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
 using Plane = nb::ndarray<float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
 
-void pixel_errors(Sums sums, Image<const std::uint8_t> target, Plane out, int threads) {
-    const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
+void pixel_errors(Sums sums, Image<const std::uint8_t> target, Plane out) {
     const auto same = [&](const auto &array) {
         return array.shape(0) == sums.shape(0) && array.shape(1) == sums.shape(1);
     };
     require(same(target) && same(out), "sums, target and out must be of one size");
-    threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::pixel_errors(sums.data(), target.data(), size, threads, out.data());
+    gsvr::pixel_errors(sums.data(), target.data(), out.size(), out.data());
 }
 
 void init_backdrop(gsvr::Backdrop *self, Sums sums) {
@@ -267,7 +265,7 @@ NB_MODULE(_core, m) {
           "coded_height"_a, "mean"_a, "threads"_a);
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
-    m.def("pixel_errors", &pixel_errors, "sums"_a, "target"_a, "out"_a, "threads"_a = 0);
+    m.def("pixel_errors", &pixel_errors, "sums"_a, "target"_a, "out"_a);
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none(),
           "weights"_a.none() = nb::none());
