@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved, some_frames
-from gsvrcodec.fit.parameters import Parameters, Tensors, put
+from gsvrcodec.fit.parameters import Parameters, Tensors
 from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
@@ -172,7 +172,6 @@ class _Descent:
         self._adam = Adam(parameters.raw, recipe, footage.size, parameters.backend)
         self._order = visits(len(footage.frames), rng)
         self._settled = 0  # so many steps have to be taken before another relocation
-        self._paces: Tensors = {}
         self._paced, self._priced = Every(PACED_STEPS), Every(PRICE.steps)
         self._recorded: dict[_Kind, Callable[..., None]] = {}
 
@@ -261,15 +260,14 @@ class _Descent:
             self._price.add(gradients)
         with parameters.about_middle(gradients):
             if kind.paces:
-                put(self._paces, paces(parameters, self._recipe, size))
-                self._adam.look(tensors)
-            self._adam.step(gradients, factor, number, self._paces)
+                self._adam.look(tensors, paces(parameters, self._recipe, size))
+            self._adam.step(gradients, factor, number)
         parameters.limit()
 
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Follow the parameters, which were put into another order."""
         self._adam.rearrange(order, moved)
-        self._paces, self._recorded = {}, {}
+        self._recorded = {}
         self._paced.again()
         self._priced.again()
         if self._price is not None:

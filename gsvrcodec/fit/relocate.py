@@ -162,7 +162,7 @@ def move_weakest(
     weakest = np.argsort(found, kind="stable")[:count]
     sums = [own for _, own in pictures]
     errors = [_error(own, frames[i]) for own, i in zip(sums, shown, strict=True)]
-    bounds = np.cumsum([error.sum() for error in errors])
+    bounds = np.cumsum([error.sum(dtype=np.float64) for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
 
     like = np.empty(count, np.intp)
@@ -202,20 +202,18 @@ def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.i
     return order
 
 
-def _error(sums: Float32Array, wanted: Frames) -> NDArray[np.float64]:
+def _error(sums: Float32Array, wanted: Frames) -> Float32Array:
     """Squared error around each pixel, (h, w), above zero; of sums (h, w, 4)."""
     squares = np.empty(sums.shape[:2], np.float32)
     _core.pixel_errors(sums, wanted, squares)
-    blurred = cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,))
-    error: NDArray[np.float64] = np.maximum(blurred, 1e-6, dtype=np.float64)
-    return error
+    # In place: new memory would take longer than the filter.
+    cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,), dst=squares)
+    return np.maximum(squares, np.float32(1e-6), out=squares)
 
 
-def _stratified(
-    weights: NDArray[np.float64], count: int, rng: np.random.Generator
-) -> NDArray[np.intp]:
+def _stratified(weights: Float32Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Draw one number from each of `count` parts of `weights` (K,) that have equal sums."""
-    sums = np.cumsum(weights)
+    sums = np.cumsum(weights, dtype=np.float64)
     drawn = (np.arange(count) + rng.uniform(0, 1, count)) * (sums[-1] / max(count, 1))
     numbers: NDArray[np.intp] = np.minimum(np.searchsorted(sums, drawn), len(weights) - 1)
     return numbers

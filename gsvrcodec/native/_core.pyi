@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 # A C-contiguous float32 array on the CPU, NumPy or torch; images may be uint8 instead.
@@ -146,29 +147,38 @@ def squared_error(
         weights: factors of the error of each tile, float32 (tiles down, tiles across); None = 1.
     """
 
+class AdamPart:
+    """The arrays of a `gsvrcodec.render.backend.AdamPart`; used without a copy."""
+
+    def __init__(
+        self,
+        value: Array,
+        mean: Array,
+        square: Array,
+        rates: Array,
+        pace: Array | None = None,
+        axes: Array | None = None,
+    ) -> None: ...
+
 def adam_step(
-    param: Array,
-    grad: Array,
-    m: Array,
-    v: Array,
-    lr: Array,
+    parts: Sequence[AdamPart],
+    gradients: Sequence[Array],
+    factor: float,
     beta1: float,
     beta2: float,
-    eps: float,
+    epsilon: float,
     step: int,
     threads: int = 0,
 ) -> None:
     """Do one step of Adam in place.
 
     Args:
-        param: the parameters.
-        grad: gradients, of the same size.
-        m: first moments, of the same size.
-        v: second moments, of the same size.
-        lr: one learning rate, or one for each column of the last axis.
+        parts: what moves.
+        gradients: of each part, of the size of its value.
+        factor: of all rates.
         beta1: decay of the first moments.
         beta2: decay of the second moments.
-        eps: added to the root of the second moments.
+        epsilon: added to the root of the second moments.
         step: number of the step, from 1.
         threads: see above.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,21 @@ Scalar = Any
 #: Width and height of the tiles of a frame whose error can be weighted, pixels; at the right and at
 #: the bottom less.
 TILE = 256, 64
+
+
+@dataclass(slots=True, eq=False)
+class AdamPart:
+    """A tensor that Adam moves, and what it remembers of it."""
+
+    value: Tensor  #: what is optimised
+    mean: Tensor  #: first moment, of the same shape
+    square: Tensor  #: second moment, of the same shape
+    rates: Tensor  #: (C,) learning rates of the components of the last axis
+    pace: Tensor | None = None  #: factors of the rates, of the same shape; None = 1
+    #: (N, 2, 2) x and y of each axis that a pair of the value moves along, in the last axis the
+    #: axes; None = along x and y
+    axes: Tensor | None = None
+    held: Any = None  #: the same where the backend wants it; None = not yet there
 
 
 class Backend(ABC):
@@ -116,11 +132,8 @@ class Backend(ABC):
     @abstractmethod
     def adam_step(
         self,
-        value: Tensor,
-        gradient: Tensor,
-        mean: Tensor,
-        square: Tensor,
-        rates: Tensor,
+        parts: Sequence[AdamPart],
+        gradients: Sequence[Tensor],
         factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
@@ -129,11 +142,8 @@ class Backend(ABC):
         """Take one step of Adam in place.
 
         Args:
-            value: what is optimised.
-            gradient: its gradient.
-            mean: first moment.
-            square: second moment.
-            rates: learning rate of each component of the last axis.
+            parts: what moves.
+            gradients: of each part, of the shape of its value.
             factor: of all rates.
             betas: decay of the two moments.
             epsilon: added to the root of the second moment.

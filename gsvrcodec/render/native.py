@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
-from gsvrcodec.render.backend import Backend, Codes, Samples, Scalar, Size
+from gsvrcodec.render.backend import AdamPart, Backend, Codes, Samples, Scalar, Size
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -133,20 +133,21 @@ class NativeBackend(Backend):
 
     def adam_step(
         self,
-        value: Tensor,
-        gradient: Tensor,
-        mean: Tensor,
-        square: Tensor,
-        rates: Tensor,
+        parts: Sequence[AdamPart],
+        gradients: Sequence[Tensor],
         factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
         step: Scalar,
     ) -> None:
-        """Take one step of Adam in place."""
-        scaled = rates.numpy() * np.float32(factor)
-        param, grad, m, v = (tensor.numpy() for tensor in (value, gradient, mean, square))
-        _core.adam_step(param, grad, m, v, scaled, *betas, epsilon, step, self._how[1])
+        """Take one step of Adam in place, in one call of the core."""
+        for part in parts:
+            if part.held is None:
+                arrays = part.value, part.mean, part.square, part.rates, part.pace, part.axes
+                part.held = _core.AdamPart(*(None if a is None else a.numpy() for a in arrays))
+        held = [part.held for part in parts]
+        slopes = [gradient.numpy() for gradient in gradients]
+        _core.adam_step(held, slopes, factor, *betas, epsilon, step, self._how[1])
 
 
 def parameters(gop: Gop) -> _core.Parameters:

@@ -28,7 +28,7 @@ from gsvrcodec.model.reconstruction import (
     UPSAMPLING,
     Blending,
 )
-from gsvrcodec.render.backend import TILE, Backend, Codes, Samples, Scalar, Size
+from gsvrcodec.render.backend import TILE, AdamPart, Backend, Codes, Samples, Scalar, Size
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 
@@ -277,11 +277,8 @@ class ReferenceBackend(Backend):
 
     def adam_step(
         self,
-        value: Tensor,
-        gradient: Tensor,
-        mean: Tensor,
-        square: Tensor,
-        rates: Tensor,
+        parts: Sequence[AdamPart],
+        gradients: Sequence[Tensor],
         factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
@@ -289,10 +286,17 @@ class ReferenceBackend(Backend):
     ) -> None:
         """Take one step of Adam in place."""
         beta1, beta2 = betas
-        mean.mul_(beta1).add_((1 - beta1) * gradient)
-        square.mul_(beta2).add_((1 - beta2) * gradient.square())
-        root = (square / (1 - beta2**step)).sqrt() + epsilon
-        value.sub_(factor * rates * mean / (1 - beta1**step) / root)
+        for part, slope in zip(parts, gradients, strict=True):
+            gradient = slope if part.axes is None else (slope[:, None] @ part.axes)[:, 0]
+            part.mean.mul_(beta1).add_((1 - beta1) * gradient)
+            part.square.mul_(beta2).add_((1 - beta2) * gradient.square())
+            root = (part.square / (1 - beta2**step)).sqrt() + epsilon
+            step_back = factor * part.rates * part.mean / (1 - beta1**step) / root
+            if part.pace is not None:
+                step_back = step_back * part.pace
+            if part.axes is not None:
+                step_back = (part.axes @ step_back[:, :, None])[:, :, 0]
+            part.value.sub_(step_back)
 
 
 def _leaves(parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -129,10 +129,12 @@ def measure(
     core = parameters(gop)
     gradient = Gop(**{name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__})
     gradient_core = parameters(gradient)
-    moments = [
-        (np.zeros_like(a), np.zeros_like(a), np.full(1, 1e-12, np.float32))
+    low = np.full(1, 1e-12, np.float32)
+    parts = [
+        _core.AdamPart(a, np.zeros_like(a), np.zeros_like(a), low)
         for a in (getattr(gop, name) for name in Gop.__slots__)
     ]
+    slopes = [getattr(gradient, name) for name in Gop.__slots__]
     target = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
     out = np.empty((8, height, width, 3), np.uint8)
     taus = np.linspace(-1, 1, 8, dtype=np.float32)
@@ -142,9 +144,7 @@ def measure(
         nonlocal steps
         steps += 1
         _core.squared_error(core, 0.1, target, *coded, mean, gradient_core, threads)
-        for name, (m, v, rate) in zip(Gop.__slots__, moments, strict=True):
-            value, slope = getattr(gop, name), getattr(gradient, name)
-            _core.adam_step(value, slope, m, v, rate, 0.9, 0.99, 1e-15, steps, threads)
+        _core.adam_step(parts, slopes, 1.0, 0.9, 0.99, 1e-15, steps, threads)
 
     def render(mean: bool, frames: int) -> None:
         _core.render_rgb8(core, taus[:frames], out[:frames], *coded, mean, threads)

@@ -48,8 +48,8 @@ def test_a_pace_is_a_factor_of_the_step() -> None:
         gradients = {name: torch.randn(t.shape, generator=rng) for name, t in before.items()}
         given = None if pace is None else {"position": torch.tensor(pace).expand(28, 1)}
         adam = Adam(parameters.raw, MAIN, SIZE, BACKEND)
-        adam.look(parameters.tensors())
-        adam.step(gradients, 0.1, 1, given)
+        adam.look(parameters.tensors(), given)
+        adam.step(gradients, 0.1, 1)
         return {name: parameters.raw[name] - before[name] for name in before}
 
     usual, same, thrice = steps(None), steps(1.0), steps(3.0)

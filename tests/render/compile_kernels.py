@@ -35,7 +35,7 @@ KERNELS: list[tuple[Any, int, dict[str, str], dict[str, Any]]] = [
     (pyramid.weigh, 4, {}, {"BACKDROP": True}),
     (pyramid.residual, 4, {"target_ptr": "u8"}, {"BACKDROP": True}),
     (pyramid.spread, 4, {}, {}),
-    (adam.adam_update, 4, {}, {}),
+    (adam.adam_update, 4, {}, {"PACED": True}),
 ]
 
 #: Scalar arguments that are not integers.

@@ -30,17 +30,28 @@ def test_against_torch(shape: tuple[int, ...], threads: int, isa: str) -> None:
         for k, column in enumerate(columns):
             column.grad = torch.tensor(grad[..., k], dtype=torch.float64)
         optimiser.step()
-        _core.adam_step(param, grad, mean, square, rates, 0.9, 0.99, 1e-8, step, threads)
+        part = _core.AdamPart(param, mean, square, rates)
+        _core.adam_step([part], [grad], 1.0, 0.9, 0.99, 1e-8, step, threads)
     expected = torch.stack([c.detach() for c in columns], -1).numpy().reshape(shape)
     np.testing.assert_allclose(param, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_wrong_sizes_fail() -> None:
     a, b = np.zeros((4, 3), np.float32), np.zeros((4, 2), np.float32)
-    rate = np.ones(1, np.float32)
+    rate, how = np.ones(1, np.float32), (1.0, 0.9, 0.99, 1e-8)
+    for others in ((b, a), (a, b)):
+        with pytest.raises(ValueError, match="one size"):
+            _core.AdamPart(a, *others, rate)
     with pytest.raises(ValueError, match="one size"):
-        _core.adam_step(a, b, a, a, rate, 0.9, 0.99, 1e-8, 1)
-    with pytest.raises(ValueError, match="lr"):
-        _core.adam_step(b, b, b, b, np.ones(3, np.float32), 0.9, 0.99, 1e-8, 1)
+        _core.AdamPart(a, a, a, rate, b)
+    with pytest.raises(ValueError, match="rates"):
+        _core.AdamPart(b, b, b, np.ones(3, np.float32))
+    with pytest.raises(ValueError, match="axes"):
+        _core.AdamPart(b, b, b, rate, None, a)
+    part = _core.AdamPart(a, a, a, rate)
+    with pytest.raises(ValueError, match="size of its value"):
+        _core.adam_step([part], [b], *how, 1)
+    with pytest.raises(ValueError, match="have a gradient"):
+        _core.adam_step([part], [], *how, 1)
     with pytest.raises(ValueError, match="step"):
-        _core.adam_step(a, a, a, a, rate, 0.9, 0.99, 1e-8, 0)
+        _core.adam_step([part], [a], *how, 0)

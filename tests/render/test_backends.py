@@ -17,7 +17,7 @@ if not torch.cuda.is_available():
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.render.backend import Backend, Samples, Scalar
+from gsvrcodec.render.backend import AdamPart, Backend, Samples, Scalar
 from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
@@ -240,33 +240,38 @@ def test_no_weight_is_black(backends: Backends) -> None:
         assert bool(gradient["colour"].any()) == bool(gradient["log_opacity"].any()) == found
 
 
-@pytest.mark.parametrize("shape", [(0, 2), (1,), (700, 3), (5, 4, 8)], ids=str)
-def test_adam_step(backends: Backends, shape: tuple[int, ...]) -> None:
-    backend = backends("mean")
+@pytest.mark.parametrize("along_axes", [False, True])
+@pytest.mark.parametrize("paced", [False, True])
+def test_adam_step(backends: Backends, paced: bool, along_axes: bool) -> None:
+    """Attributes of one and of several components, a grid, an empty one; many in one step."""
+    backend, reference = backends("mean"), ReferenceBackend()
     r = np.random.default_rng(0)
-    components = shape[-1] if len(shape) > 1 else 1
-    rates = torch.from_numpy(r.uniform(0.001, 0.1, components).astype(np.float32))
-    start = torch.from_numpy(r.normal(size=shape).astype(np.float32))
-    gradients = [torch.from_numpy(r.normal(size=shape).astype(np.float32)) for _ in range(3)]
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(r.normal(size=shape).astype(np.float32))
+
+    shapes: list[tuple[int, ...]] = [(0, 2), (1,), (30_001, 3), (5, 4, 8), (20_001, 2)]
+    starts = [normal(*shape) for shape in shapes]
+    rates = [normal(shape[-1] if len(shape) > 1 else 1).abs() / 10 for shape in shapes]
+    paces = [normal(*shape).abs() if paced else None for shape in shapes]
+    axes = [normal(len(t), 2, 2) if along_axes and t.shape[1:] == (2,) else None for t in starts]
+    gradients = [[normal(*shape) for shape in shapes] for _ in range(3)]
     states = []
-    reference = ReferenceBackend()
     for each, dtype in ((reference, torch.float64), (backend, torch.float32)):
-        value = start.to(each.device, dtype, copy=True)
-        state = value, torch.zeros_like(value), torch.zeros_like(value)
-        for step, gradient in enumerate(gradients, 1):
-            each.adam_step(
-                value,
-                gradient.to(value),
-                *state[1:],
-                rates.to(value),
-                0.5,
-                (0.9, 0.98),
-                1e-15,
-                step,
-            )
-        states.append([part.numpy(force=True) for part in state])
+        parts = []
+        for start, rate, pace, own in zip(starts, rates, paces, axes, strict=True):
+            value = start.to(each.device, dtype, copy=True)
+            part = AdamPart(value, torch.zeros_like(value), torch.zeros_like(value), rate.to(value))
+            part.pace = None if pace is None else pace.to(value)
+            part.axes = None if own is None else own.to(value)
+            parts.append(part)
+        for step, slopes in enumerate(gradients, 1):
+            there = [slope.to(each.device, dtype) for slope in slopes]
+            each.adam_step(parts, there, 0.5, (0.9, 0.98), 1e-15, step)
+        moments = [(part.value, part.mean, part.square) for part in parts]
+        states.append([tensor.numpy(force=True) for part in moments for tensor in part])
     for expected, actual in zip(*states, strict=True):
-        np.testing.assert_allclose(actual, expected, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(actual, expected, rtol=1e-4, atol=3e-6)
 
 
 @each_blending
@@ -281,7 +286,7 @@ def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> 
     for recorded in (False, True, True):
         values = tensors(example.gop, backend)
         place = values["position"]
-        mean, square = torch.zeros_like(place), torch.zeros_like(place)
+        part = AdamPart(place, torch.zeros_like(place), torch.zeros_like(place), rates)
 
         def step(
             tau: Scalar,
@@ -289,13 +294,11 @@ def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> 
             factor: Scalar,
             number: Scalar,
             values: dict[str, torch.Tensor] = values,
-            mean: torch.Tensor = mean,
-            square: torch.Tensor = square,
+            part: AdamPart = part,
         ) -> None:
             _, gradients = backend.squared_error(values, tau, target, size)
-            value, gradient = values["position"], gradients[list(values).index("position")]
-            how = rates, factor, (0.9, 0.9), 1e-15, number
-            backend.adam_step(value, gradient, mean, square, *how)
+            gradient = gradients[list(values).index("position")]
+            backend.adam_step([part], [gradient], factor, (0.9, 0.9), 1e-15, number)
 
         taken = backend.recorded(step) if recorded else step
         for number in range(1, 7):

@@ -62,18 +62,25 @@ void backward_float(const Scene &, float tau, int threads, const float *weights,
 double squared_error(const Scene &, float tau, int threads, const std::uint8_t *target,
                      const Backdrop *backdrop, const float *weights, const GopArrays &gradient);
 
-// The state of Adam for n parameters. The learning rate of parameter i is rate[i % period].
-struct Adam {
-    float *value;
-    const float *gradient;
-    float *mean, *square;
+// n parameters that Adam moves. The learning rate of parameter i is rate[i % period], times pace[i]
+// unless `pace` is null. If `axes` is not null, the parameters are pairs, of which each moves along
+// two axes of its own: axes[4 i] to axes[4 i + 3] is the matrix from steps to pair i, by rows.
+struct AdamPart {
+    float *value, *mean, *square;
     std::int64_t n;
     const float *rate;
     int period;
+    const float *pace, *axes;
+};
+
+struct Adam {
+    double factor;  // of all rates
     double beta1, beta2, epsilon;
     std::int64_t step;  // counts from 1
 };
 
-void adam_step(const Adam &, int threads);
+// Takes a step of all parts, each by its gradient.
+void adam_step(const AdamPart *parts, const float *const *gradients, int count, const Adam &,
+               int threads);
 
 }  // namespace gsvr

@@ -189,10 +189,11 @@ struct Kernels {
                      const Moments *, int begin, int end, const GopArrays &gradient, float *xy,
                      float *xt_line, float *yt_line);
     // One Adam step for n parameters. `rate` has `period` vectors of learning rates, which include
-    // the bias correction of the first moment; `correction` is the factor of the second moment.
-    void (*adam)(float *value, const float *gradient, float *mean, float *square, std::int64_t n,
-                 const float *rate, int period, float beta1, float beta2, float correction,
-                 float epsilon);
+    // the bias correction of the first moment; `pace` has a factor of each rate, null = 1;
+    // `correction` is the factor of the second moment.
+    void (*adam)(float *value, const float *gradient, float *mean, float *square, const float *pace,
+                 std::int64_t n, const float *rate, int period, float beta1, float beta2,
+                 float correction, float epsilon);
 };
 
 extern const Kernels kKernels_portable;

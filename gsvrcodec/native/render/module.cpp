@@ -213,19 +213,50 @@ double squared_error(const Parameters &parameters, float tau, Image<const std::u
                                weights ? weights->data() : nullptr, gradient.arrays);
 }
 
-void adam_step(Floats param, Floats grad, Floats m, Floats v, Floats lr, double beta1, double beta2,
-               double eps, std::int64_t step, int threads) {
-    const std::size_t n = param.size(), period = lr.size();
-    require(grad.size() == n && m.size() == n && v.size() == n,
-            "param, grad, m and v must be of one size");
-    require(period >= 1 && period <= 4096 && n % period == 0,
-            "lr must have one entry, or one a column");
+// Checks the arrays that Adam remembers of one attribute, and keeps them alive.
+struct AdamPart {
+    Floats value, mean, square, rates;
+    std::optional<Floats> pace, axes;
+    gsvr::AdamPart part{};
+
+    AdamPart(Floats value_, Floats mean_, Floats square_, Floats rates_,
+             std::optional<Floats> pace_, std::optional<Floats> axes_)
+        : value(value_), mean(mean_), square(square_), rates(rates_), pace(pace_), axes(axes_) {
+        const std::size_t n = value.size(), period = rates.size();
+        require(mean.size() == n && square.size() == n && (!pace || pace->size() == n),
+                "value, mean, square and pace must be of one size");
+        require(period >= 1 && period <= 4096 && n % period == 0,
+                "rates must have one entry, or one a column");
+        require(!axes || (n % 2 == 0 && axes->size() == 2 * n),
+                "axes must have a matrix for each pair of the value");
+        part = {value.data(),
+                mean.data(),
+                square.data(),
+                static_cast<std::int64_t>(n),
+                rates.data(),
+                static_cast<int>(period),
+                pace ? pace->data() : nullptr,
+                axes ? axes->data() : nullptr};
+    }
+};
+
+void adam_step(const std::vector<const AdamPart *> &parts, const std::vector<Floats> &gradients,
+               double factor, double beta1, double beta2, double epsilon, std::int64_t step,
+               int threads) {
+    require(parts.size() == gradients.size(), "each part must have a gradient");
     require(step >= 1, "step counts from 1");
+    std::vector<gsvr::AdamPart> values;
+    std::vector<const float *> slopes;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        require(gradients[i].size() == parts[i]->value.size(),
+                "a gradient must have the size of its value");
+        values.push_back(parts[i]->part);
+        slopes.push_back(gradients[i].data());
+    }
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    gsvr::adam_step({param.data(), grad.data(), m.data(), v.data(), static_cast<std::int64_t>(n),
-                     lr.data(), static_cast<int>(period), beta1, beta2, eps, step},
-                    threads);
+    gsvr::adam_step(values.data(), slopes.data(), static_cast<int>(values.size()),
+                    {factor, beta1, beta2, epsilon, step}, threads);
 }
 
 // By the names of gsvrcodec/model/reconstruction.py.
@@ -269,6 +300,11 @@ NB_MODULE(_core, m) {
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none(),
           "weights"_a.none() = nb::none());
-    m.def("adam_step", &adam_step, exact("param"), exact("grad"), exact("m"), exact("v"),
-          exact("lr"), "beta1"_a, "beta2"_a, "eps"_a, "step"_a, "threads"_a = 0);
+    nb::class_<AdamPart>(m, "AdamPart")
+        .def(nb::init<Floats, Floats, Floats, Floats, std::optional<Floats>,
+                      std::optional<Floats>>(),
+             exact("value"), exact("mean"), exact("square"), exact("rates"),
+             exact("pace").none() = nb::none(), exact("axes").none() = nb::none());
+    m.def("adam_step", &adam_step, "parts"_a, "gradients"_a, "factor"_a, "beta1"_a, "beta2"_a,
+          "epsilon"_a, "step"_a, "threads"_a = 0);
 }

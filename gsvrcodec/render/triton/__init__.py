@@ -18,7 +18,7 @@ from torch import Tensor
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
-from gsvrcodec.render.backend import Backend, Samples, Scalar, Size
+from gsvrcodec.render.backend import AdamPart, Backend, Samples, Scalar, Size
 from gsvrcodec.render.triton.adam import NUMBERS, adam_update
 from gsvrcodec.render.triton.launch import Parameters, Pass, on_device, scratch_bytes
 from gsvrcodec.render.triton.record import Recorded, Recorder
@@ -240,33 +240,39 @@ class TritonBackend(Backend):
 
     def adam_step(
         self,
-        value: Tensor,
-        gradient: Tensor,
-        mean: Tensor,
-        square: Tensor,
-        rates: Tensor,
+        parts: Sequence[AdamPart],
+        gradients: Sequence[Tensor],
         factor: Scalar,
         betas: tuple[float, float],
         epsilon: float,
         step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
-        if not value.numel():
-            return
-        with on_device(self._place):
-            adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
-                value,
-                gradient.contiguous(),
-                mean,
-                square,
-                rates,
-                value.numel(),
-                len(rates),
-                self._number(factor),
-                self._number(step),
-                *betas,
-                epsilon,
-            )
+        numbers = self._number(factor), self._number(step)
+        for part, slope in zip(parts, gradients, strict=True):
+            if not part.value.numel():
+                continue
+            value, gradient = part.value, slope
+            if part.axes is not None:
+                gradient = (part.axes * slope[:, :, None]).sum(1)
+                value = torch.zeros_like(value)
+            with on_device(self._place):
+                adam_update[(triton.cdiv(value.numel(), NUMBERS.value),)](
+                    value,
+                    gradient.contiguous(),
+                    part.mean,
+                    part.square,
+                    part.rates,
+                    value if part.pace is None else part.pace,
+                    value.numel(),
+                    len(part.rates),
+                    *numbers,
+                    *betas,
+                    epsilon,
+                    PACED=part.pace is not None,
+                )
+            if part.axes is not None:
+                part.value.add_((part.axes * value[:, None]).sum(2))
 
     def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
         """Return a step that is one launch when it is repeated."""

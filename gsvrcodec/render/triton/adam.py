@@ -13,6 +13,7 @@ def adam_update(
     mean_ptr,
     square_ptr,
     rate_ptr,  # (components,)
+    pace_ptr,  # factors of the rates, if PACED
     n,
     components,
     factor_ptr,  # (1,), of the rates
@@ -20,6 +21,7 @@ def adam_update(
     beta1,
     beta2,
     epsilon,
+    PACED: tl.constexpr,
 ):
     """One step over n numbers, whose last axis has `components`."""
     i = tl.program_id(0) * NUMBERS + tl.arange(0, NUMBERS)
@@ -33,6 +35,8 @@ def adam_update(
     square = tl.load(square_ptr + i, mask=mask, other=0.0) * beta2
     square += gradient * gradient * (1.0 - beta2)
     rate = tl.load(rate_ptr + i % components) * factor
+    if PACED:
+        rate *= tl.load(pace_ptr + i, mask=mask, other=0.0)
     step = rate * mean / (tl.sqrt(square * correction) + epsilon)
     tl.store(mean_ptr + i, mean, mask=mask)
     tl.store(square_ptr + i, square, mask=mask)
