@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 import cv2
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.motion import flow_estimator
+from gsvrcodec.fit.moving import moving, still_gaussians
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.parameters import Anchor, Parameters
 from gsvrcodec.fit.precision import equal_slope_steps, sensitivities
@@ -23,7 +24,7 @@ from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import MAIN, FitOptions
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.target import Slope, bit_worth
-from gsvrcodec.fit.tuned import EFFORT, PRICE, STAGED
+from gsvrcodec.fit.tuned import EFFORT, MOVING, PRICE, STAGED
 from gsvrcodec.metrics import MAX_PSNR
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.static import append_gaussians
@@ -122,9 +123,13 @@ def fit_gop(
     rng = np.random.default_rng(seed)
     flow = None if options.deform == "triplane" else flow_estimator(options.flow, near=True)
     start = content_aware(footage, gaussians, grid, flow, rng, backend)
+    qscale = slope.qscale if slope else PRICE.qscale
+    where = moving(footage.frames, MOVING.key_bits * bit_worth(qscale))
+    footage = replace(footage, moving=where)
     parameters = Parameters(start, options.deform, backend, footage.background)
+    parameters.stand(np.arange(len(start)), still_gaussians(start, where))
     effort, tuning = allowance.split(tune=options.tune, least_steps=EFFORT.least_steps, began=began)
-    price = price_of(parameters, footage, slope.qscale if slope else PRICE.qscale, rng)
+    price = price_of(parameters, footage, qscale, rng)
     optimise(parameters, footage, MAIN, effort, rng, price=price, slope=slope)
     gop = parameters.gop()
     return Fit(gop, mean_psnr(gop, footage, backend), effort.expected_steps, tuning, footage)

@@ -24,6 +24,7 @@ class Footage:
     frames: Frames  #: (F, H, W, 3) RGB
     taus: Float32Array  #: (F,) normalised times
     background: Gop | None = None  #: static Gaussians drawn behind the fitted ones
+    moving: NDArray[np.bool_] | None = None  #: (H, W) where they move; None = everywhere
 
     @property
     def size(self) -> tuple[int, int]:

@@ -192,6 +192,7 @@ class _Descent:
             self._rng,
             recipe.moving,
             more,
+            footage.moving,
         )
         self._rearranged(order, moved)
 
@@ -261,6 +262,7 @@ class _Descent:
         with parameters.about_middle(gradients):
             if kind.paces:
                 self._adam.look(tensors, paces(parameters, self._recipe, size))
+            parameters.hold(gradients)
             self._adam.step(gradients, factor, number)
         parameters.limit()
 

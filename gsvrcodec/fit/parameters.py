@@ -123,6 +123,7 @@ class Parameters:
         self.anchor = None if anchor is None else anchor.copy()
         self._anchored = self._anchor_tensors()
         self._frozen: Tensor | None = None
+        self._moves: Tensor | None = None  # 1, or 0 for what stands still, (N, 1)
         self.background = background
         device = backend.device
         tensors = {
@@ -149,6 +150,8 @@ class Parameters:
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:
             out["indicator"] = torch.sigmoid(out["indicator"])
+            if self._moves is not None:
+                out["indicator"] = 1 - self._moves[:, 0] * (1 - out["indicator"])
         if self._anchored is not None:
             for name in LOOK:
                 out[name] = out[name] + self._anchored[name]
@@ -244,6 +247,8 @@ class Parameters:
         for tensors in (self.raw, self._fixed):
             for name in tensors.keys() - set(GRIDS):
                 tensors[name] = tensors[name][order]
+        if self._moves is not None:
+            self._moves = self._moves[order]
         if self.anchor is not None:
             self.anchor.rearrange(order)
             self._anchored = self._anchor_tensors()
@@ -252,11 +257,36 @@ class Parameters:
         """From now on `hold` keeps the look of these Gaussians, (N,)."""
         self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)
 
+    def stand(self, chosen: NDArray[np.intp], still: NDArray[np.bool_]) -> None:
+        """Let Gaussians stand still from now on, or let them move; both begin without steps.
+
+        Args:
+            chosen: (K,) numbers of Gaussians.
+            still: (K,) which of them have no motion.
+        """
+        if "linear" not in self.raw:
+            return
+        if self._moves is None:
+            self._moves = torch.ones_like(self.raw["linear"][:, :1])
+        self._moves[chosen] = torch.from_numpy(1 - still[:, None].astype(np.float32)).to(
+            self._moves.device
+        )
+        for name in MOTION:
+            self.raw[name][chosen[still]] = 0.0
+
     def hold(self, gradients: Tensors) -> None:
-        """Take the gradients away from what is frozen, in place."""
+        """Take the gradients away from looks that are frozen and from motion of what stands still.
+
+        That is done in place.
+        """
         if self._frozen is not None:
             for name in gradients.keys() & LOOK:
                 gradients[name].index_fill_(0, self._frozen, 0.0)
+        if self._moves is not None:
+            for name in MOTION:
+                gradients[name].mul_(self._moves)
+            if "indicator" in gradients:
+                gradients["indicator"].mul_(self._moves[:, 0])
 
     def renew(
         self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
+from gsvrcodec.fit.moving import moving, still_gaussians
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
@@ -20,7 +21,7 @@ from gsvrcodec.fit.relocate import effects, move_weakest, sums_at
 from gsvrcodec.fit.start import affordable, tri_plane
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tiles import Tiles
-from gsvrcodec.fit.tuned import PREDICTION, START
+from gsvrcodec.fit.tuned import MOVING, PREDICTION, START
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.prediction import Look, start_of_motion
 from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
@@ -86,8 +87,9 @@ def fit_predicted(
     kept = np.zeros(len(reference.look.position), np.bool_)
     kept[there[stays]] = True
     carried = there[~stays]
-    if kept.any():
-        footage = replace(footage, background=static_gop(*_values(look[stays])))
+    where = moving(footage.frames, MOVING.predicted_bits * bit)
+    behind = static_gop(*_values(look[stays])) if kept.any() else None
+    footage = replace(footage, background=behind, moving=where)
     grid = affordable(grid, max(len(carried) + extra, 1), backend.blending)
     start = start_of_motion(len(footage.frames))
     anchor = Anchor(start, reference.look[carried], carried)
@@ -95,12 +97,14 @@ def fit_predicted(
     if extra > 0:
         begin, anchor = _with_new(begin, anchor, extra)
     parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
+    still = np.resize(still_gaussians(look[~stays], where), len(begin))
+    parameters.stand(np.arange(len(begin)), still)
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
     began_with = mean_psnr(parameters.gop(), footage, backend)
     if stays.mean() < PREDICTION.still and began_with < lost:
         return None
-    move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh)
+    move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh, where)
 
     effort, tuning = allowance.split(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began

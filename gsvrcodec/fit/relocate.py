@@ -105,6 +105,7 @@ def relocate(
     rng: np.random.Generator,
     share: float,
     more: int = 0,
+    moving: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `parameters`, in place, and put all in rendering order again.
 
@@ -119,6 +120,8 @@ def relocate(
         rng: source of the new places.
         share: fraction of the Gaussians that moves.
         more: Gaussians that are added; below 0 = the weakest leave.
+        moving: (H, W) where something moves; None = everywhere. Elsewhere those that move there
+            stand still from then on.
 
     Returns:
         (N,) the index that each Gaussian had before, and (N,) whether it is new there.
@@ -138,7 +141,7 @@ def relocate(
         parameters.rearrange(taken)
         hidden = np.full(added, -MOST_LOG_OPACITY, np.float32)
         parameters.renew(np.arange(added), np.arange(added), log_opacity=hidden)
-    moved = move_weakest(parameters, frames, taus, coded_size, rng, count)
+    moved = move_weakest(parameters, frames, taus, coded_size, rng, count, moving)
     order = reorder(parameters, coded_size)
     return taken[order], np.isin(order, moved)
 
@@ -150,6 +153,7 @@ def move_weakest(
     coded_size: tuple[int, int],
     rng: np.random.Generator,
     count: int,
+    moving: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.intp]:
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = parameters.gop()
@@ -167,7 +171,7 @@ def move_weakest(
 
     like = np.empty(count, np.intp)
     position, colour = np.empty((count, 2), np.float32), np.empty((count, 3), np.float32)
-    weight = np.empty(count, np.float32)
+    weight, still = np.empty(count, np.float32), np.zeros(count, np.bool_)
     each = zip(sums, errors, shown, [0, *bounds[:-1]], bounds, strict=True)
     for own, error, index, begin, end in each:
         pixels = _stratified(error.ravel(), end - begin, rng)
@@ -179,7 +183,11 @@ def move_weakest(
         colour[begin:end] = frames[index, y, x] / np.float32(255)
         weight[begin:end] = own[y, x, 3] + GROUND
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
-        position[begin:end] = 2 * places - 1 - (moved[near] - gop.position[near])
+        if moving is not None:
+            column, row = (places * moving.shape[::-1]).astype(np.intp).T
+            still[begin:end] = ~moving[row, column]
+        way = np.where(still[begin:end, None], 0, moved[near] - gop.position[near])
+        position[begin:end] = 2 * places - 1 - way
 
     low, high = RELOCATION.sigma_range
     parameters.renew(
@@ -190,6 +198,8 @@ def move_weakest(
         log_opacity=np.log(np.maximum(RELOCATION.weight * weight, 1)),
         log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
     )
+    if moving is not None:
+        parameters.stand(weakest, still)
     return weakest
 
 

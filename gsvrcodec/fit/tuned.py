@@ -119,6 +119,17 @@ class _Prediction:
 
 
 @dataclass(frozen=True, slots=True)
+class _Moving:
+    """Where the source moves in a GOP."""
+
+    box_px: int = 7  #: that the variance over time is averaged in
+    #: bits that motion takes for a pixel, and has to be worth, in a key GOP and in a predicted one
+    key_bits: float = 0.08
+    predicted_bits: float = 0.25
+    share: float = 0.5  #: of a Gaussian's box below which it has no motion
+
+
+@dataclass(frozen=True, slots=True)
 class _Tiles:
     """Steps of a predicted fit that look at parts of a frame."""
 
@@ -228,6 +239,7 @@ RELOCATION = _Relocation()
 EFFECT = _Effect()
 PRICE = _Price()
 PREDICTION = _Prediction()
+MOVING = _Moving()
 TILES = _Tiles()
 STEPS = _Steps()
 SLOPE = _Slope()

@@ -10,6 +10,7 @@ import pytest
 
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render import render_frames
+from gsvrcodec.render.native import NativeBackend
 from tests.render import examples
 from tests.render.examples import Example
 
@@ -45,6 +46,41 @@ def test_batch(share: float, threads: int, blending: Blending, isa: str) -> None
     for tau, frame in zip(TAUS, batch, strict=True):
         alone = examples.native_float(example, np.array([tau]), threads)
         np.testing.assert_array_equal(alone[0], frame)
+
+
+@each_blending
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("size", [(310, 200), (77, 131)])
+def test_parts_that_stand_still(
+    size: tuple[int, int], threads: int, blending: Blending, isa: str
+) -> None:
+    """Frames together, which share the parts where nothing moves, and each alone, in any form.
+
+    A few Gaussians of all levels run about in the upper left, and stop; one leaves the frame.
+    """
+    gop = examples.static(examples.random_gop(2500), slice(None))
+    r = np.random.default_rng(5)
+    some = np.arange(0, 2500, 80)
+    gop.position[some] = r.uniform(-1, -0.4, (len(some), 2))
+    gop.log_scale[some] = np.log(r.uniform(0.5, 9, (len(some), 1)))
+    gop.linear[some] = r.uniform(-0.3, 0.3, (len(some), 2))
+    gop.linear[some[0]] = (-3, 0)
+    backend = NativeBackend(threads, blending)
+    prepared = backend.prepare(gop)
+    planes = np.empty((len(TAUS), 3, *size[::-1]), np.uint8).transpose(0, 2, 3, 1)
+    together = [backend.render(prepared, TAUS, size, size)]
+    together.append(backend.render(prepared, TAUS, size, size, out=planes))
+    for number in range(len(TAUS)):
+        alone = backend.render(prepared, TAUS[number : number + 1], size, size)[0]
+        for pictures in together:
+            np.testing.assert_array_equal(pictures[number], alone)
+    example = replace(EXAMPLES, gop=gop, size=size, coded_size=size, blending=blending)
+    batch = examples.native_float(example, TAUS, threads)
+    for tau, frame in zip(TAUS, batch, strict=True):
+        picture = backend.picture(prepared, float(tau), size, size)
+        np.testing.assert_array_equal(frame, picture)
+    assert (together[0][0] != together[0][3])[: size[1] // 3, : size[0] // 3].any()
+    assert not (together[0][0] != together[0][3])[-5:, -5:].any()
 
 
 def test_python_threads() -> None:

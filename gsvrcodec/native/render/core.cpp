@@ -1,6 +1,7 @@
 #include "core.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <vector>
 
@@ -9,28 +10,72 @@
 namespace gsvr {
 namespace {
 
-// `channels`: samples of a pixel.
+// How the samples of a picture lie in memory: in planes, of which each has so many for a pixel.
+struct Layout {
+    int planes, channels;
+};
+
+template <class T>
+void copy_tile(const T *from, T *to, Size size, Layout layout, Tile tile) {
+    const std::size_t count = layout.channels * (tile.columns.end - tile.columns.begin);
+    for (int plane = 0; plane < layout.planes; ++plane)
+        for (int y = tile.rows.begin; y < tile.rows.end; ++y) {
+            const std::size_t row = static_cast<std::size_t>(plane) * size.height + y;
+            const std::size_t at = layout.channels * (row * size.width + tile.columns.begin);
+            std::copy_n(from + at, count, to + at);
+        }
+}
+
 template <class T, class ToSamples>
-void render(const Scene &scene, const float *taus, int frames, int threads, T *out,
-            std::size_t channels, ToSamples Kernels::*convert) {
+void render(const Scene &scene, const float *taus, int frames, int threads, T *out, Layout layout,
+            ToSamples Kernels::*convert) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, true);
     const ToSamples to_samples = call.kernels.*convert;
-    const std::size_t samples = channels * call.size.width * call.size.height;
+    const std::size_t samples = static_cast<std::size_t>(layout.planes) * layout.channels *
+                                call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
     StaticPyramid static_pyramid{};
     if (frames > 1 && call.separate_static)
         static_pyramid = FrameRenderer(call, taus[0], threads, *common).draw_static_pyramid();
+    // A cell without dynamic splats is the same in all frames: the first that needs it draws it,
+    // and others copy it. By cell of level 0, the number of a frame that has it, from 1; 0 = none.
+    const bool copies = static_pyramid.pictures;
+    std::vector<std::atomic<int>> drawn_in(copies ? Cells::count(call, 1) : 0);
+    const auto reserve_cells = [&](Workspace &space) {
+        if (!copies) return;
+        const std::size_t marks = 2 * Cells::count(call, kLevels);
+        std::fill_n(space.cells.reserve(marks), marks, std::uint8_t{0});
+    };
+    reserve_cells(*common);
     const auto render_one = [&](int index, int threads_of_frame, Workspace &space) {
         const FrameRenderer renderer(call, taus[index], threads_of_frame, space, static_pyramid);
-        renderer.render([&](Tile tile, const Pixels &pixels) {
-            to_samples(pixels, renderer.frame(), tile, out + index * samples);
-        });
+        const Cells cells(call, space.cells.get());
+        if (copies) renderer.find_dynamic(cells);
+        T *own = out + index * samples;
+        const auto copied_from = [&](int cell) {
+            return cells.dynamic(cell) ? 0 : drawn_in[cell].load(std::memory_order_acquire);
+        };
+        const auto copy = [&](Tile tile, int from) {
+            copy_tile(out + (from - 1) * samples, own, call.size, layout, tile);
+        };
+        const auto done = [&](Tile tile, const Pixels &pixels) {
+            to_samples(pixels, renderer.frame(), tile, own);
+            for (int x = tile.columns.begin; copies && x < tile.columns.end; x += kCellColumns) {
+                const int cell = cells.at(0, tile.rows.begin, x);
+                if (!cells.dynamic(cell))
+                    drawn_in[cell].store(index + 1, std::memory_order_release);
+            }
+        };
+        renderer.render(copies ? &cells : nullptr, copied_from, copy, done);
     };
     // With enough frames, each thread renders whole frames; else the threads share each frame.
     if (threads > 1 && frames >= threads) {
         std::vector<BorrowedWorkspace> spaces(threads);
-        for (const BorrowedWorkspace &space : spaces) FrameRenderer::reserve(call, 1, *space);
+        for (const BorrowedWorkspace &space : spaces) {
+            FrameRenderer::reserve(call, 1, *space);
+            reserve_cells(*space);
+        }
         parallel_for(frames, threads,
                      [&](int index, int worker) { render_one(index, 1, *spaces[worker]); });
     } else {
@@ -42,20 +87,20 @@ void render(const Scene &scene, const float *taus, int frames, int threads, T *o
 
 void render_rgb8(const Scene &scene, const float *taus, int frames, int threads,
                  std::uint8_t *out) {
-    render(scene, taus, frames, threads, out, 3, &Kernels::to_rgb8);
+    render(scene, taus, frames, threads, out, {1, 3}, &Kernels::to_rgb8);
 }
 
 void render_planes8(const Scene &scene, const float *taus, int frames, int threads,
                     std::uint8_t *out) {
-    render(scene, taus, frames, threads, out, 3, &Kernels::to_planes8);
+    render(scene, taus, frames, threads, out, {3, 1}, &Kernels::to_planes8);
 }
 
 void render_float(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    render(scene, taus, frames, threads, out, 3, &Kernels::to_float);
+    render(scene, taus, frames, threads, out, {1, 3}, &Kernels::to_float);
 }
 
 void render_sums(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    render(scene, taus, frames, threads, out, kSums, &Kernels::to_sums);
+    render(scene, taus, frames, threads, out, {1, kSums}, &Kernels::to_sums);
 }
 
 void pixel_errors(const float *sums, const std::uint8_t *target, std::size_t pixels, float *out) {

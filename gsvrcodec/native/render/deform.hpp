@@ -24,15 +24,18 @@ struct Deformed {
     vf inverse_xx, inverse_xy, inverse_yy;
 };
 
-static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, int count) {
+// The field of Gaussians that the tri-plane has no effect on is not looked up, unless
+// `whole_field`: the gradient of their indicators needs it.
+static inline Deformed deform(const GopArrays &gop, const Frame &frame, int i, int count,
+                              bool whole_field) {
     Deformed d;
     d.finite = kLaneIndex < broadcast(count);
     d.position = load_fields<2>(gop.position, i, count);
-    if (gop.gx > 0)
+    d.gate = 1.0f - load_fields<1>(gop.indicator, i, count).column[0];
+    if (gop.gx > 0 && (whole_field || bits(d.gate != 0.0f)))
         lookup(gop, frame, d.position, d.field);
     else
         for (vf &value : d.field) value = vf{};
-    d.gate = 1.0f - load_fields<1>(gop.indicator, i, count).column[0];
     for (int k = 0; k < kChannels; ++k) d.offset[k] = d.gate * d.field[k];
     const Fields<2> log_scale = load_fields<2>(gop.log_scale, i, count);
     for (int k = 0; k < 2; ++k) {
@@ -102,7 +105,7 @@ static inline vi is_static(const GopArrays &gop, vf gate, const Fields<2> &linea
 // Projects the Gaussians [i, i + count), count <= kLanes, to the entries of `out` from l on.
 static inline void project_lanes(const GopArrays &gop, const Frame &frame, int i, int count,
                                  Splats &out, int l) {
-    const Deformed d = deform(gop, frame, i, count);
+    const Deformed d = deform(gop, frame, i, count, false);
     const Fields<2> linear = load_fields<2>(gop.linear, i, count);
     const Fields<2> quadratic = load_fields<2>(gop.quadratic, i, count);
     const Fields<3> colour = load_fields<3>(gop.colour, i, count);

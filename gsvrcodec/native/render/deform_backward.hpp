@@ -6,7 +6,7 @@
 static inline void deform_backward(const GopArrays &gop, const Frame &frame, const Moments &moments,
                                    int first, vi drawn, int i, int count, const GopArrays &gradient,
                                    float *xy, float *xt_line, float *yt_line) {
-    const Deformed d = deform(gop, frame, i, count);
+    const Deformed d = deform(gop, frame, i, count, true);
     vf moment[8];
     to_columns(moments.of[first], moment);
     const vf mx = moment[3], my = moment[4], mxx = moment[5], mxy = moment[6], myy = moment[7];

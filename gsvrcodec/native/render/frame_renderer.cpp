@@ -10,7 +10,7 @@ namespace {
 constexpr int kProjectBlocks = 128;  // blocks of Gaussians that a job projects
 // Static splats have layers of their own if they have at least this share of the area of all.
 // Below it, the pictures of these layers cost more than rasterisation.
-constexpr double kLeastStaticShare = 0.3;
+constexpr double kLeastStaticShare = 0.4;
 // The backward pass sums the gradients of the tri-plane in this many groups of blocks. The number
 // is fixed, so that the order of the sums does not depend on the number of threads.
 constexpr int kGradientGroups = 16;
@@ -203,11 +203,53 @@ float *FrameRenderer::edges(int level) const {
     return space_.edges.get() + edge_floats(call_, level);
 }
 
-void FrameRenderer::render_levels() const {
+void FrameRenderer::find_dynamic(const Cells &cells) const {
+    std::fill_n(&cells.dynamic(0), cells.count(), std::uint8_t{0});
+    const auto mark = [&](int level, Range rows, Range columns) {
+        const PyramidLevel &own = call_.levels[level];
+        const int left = std::max(columns.begin, 0);
+        const int right = std::min(columns.end, own.size.width) - 1;
+        const int bottom = std::min(rows.end, own.size.height) - 1;
+        const int top = std::max(rows.begin, 0) / own.band_rows * own.band_rows;
+        for (int y = top; y <= bottom; y += own.band_rows)
+            std::fill(&cells.dynamic(cells.at(level, y, left)),
+                      &cells.dynamic(cells.at(level, y, right)) + 1, std::uint8_t{1});
+    };
+    for (int level = 0; level < kLevels; ++level) {
+        const SplatLayer &layer = layers_[level];
+        for (int block = layer.begin; block < layer.end; ++block) {
+            const Splats &s = layer.splats[block];
+            for (int l = 0; l < kBlock; ++l) {
+                Range rows{s.row_begin[l], s.row_end[l]}, columns{s.x_begin[l], s.x_end[l]};
+                if (s.layer[l] != level || rows.begin >= rows.end || columns.begin >= columns.end)
+                    continue;
+                mark(level, rows, columns);
+                // Upsampling spreads a pixel over four by four.
+                for (int finer = level - 1; finer >= 0; --finer) {
+                    for (Range *of : {&rows, &columns}) *of = {2 * of->begin - 1, 2 * of->end + 1};
+                    mark(finer, rows, columns);
+                }
+            }
+        }
+    }
+}
+
+void FrameRenderer::render_levels(const Cells *cells) const {
     for (int level = coarsest_; level > 0; --level) {
         const PyramidLevel &own = call_.levels[level];
         parallel_for(own.bands(), threads_, [&](int index, int) {
-            rasterise_tile(level, own.band(index), picture(level));
+            const Tile band = own.band(index);
+            const auto draw = [&](Tile run, bool is_drawn) {
+                if (!is_drawn) rasterise_tile(level, run, picture(level));
+            };
+            if (!cells) return draw(band, false);
+            const auto is_drawn = [&](int x) {
+                const int cell = cells->at(level, band.rows.begin, x);
+                const bool was = cells->drawn(cell), still = !cells->dynamic(cell);
+                cells->drawn(cell) = still;
+                return was && still;
+            };
+            for_runs(band, is_drawn, draw);
         });
     }
 }

@@ -19,6 +19,7 @@ struct PyramidLevel {
     int bands() const { return (size.height + band_rows - 1) / band_rows; }
     Tile band(int index) const;
     int strips() const { return (size.width + kStripWidth - 1) / kStripWidth; }
+    int cells_across() const { return (size.width + kCellColumns - 1) / kCellColumns; }
     // Floats of one row of pixels, of one band and of the whole picture.
     std::size_t line_floats() const { return static_cast<std::size_t>(strips()) * kRowFloats; }
     std::size_t band_floats() const { return line_floats() * band_rows; }
@@ -47,6 +48,52 @@ struct StaticPyramid {
     int coarsest;           // the coarsest level with static splats; 0 without pictures
 };
 
+// Parts of the levels of a picture, kCellColumns wide and as high as a band.
+class Cells {
+   public:
+    // `marks`: two for each cell.
+    Cells(const RenderCall &call, std::uint8_t *marks) : call_(call), dynamic_(marks) {
+        for (int level = 0; level <= kLevels; ++level) first_[level] = count(call, level);
+    }
+
+    // The cells of so many levels, finest first.
+    static int count(const RenderCall &call, int levels) {
+        int cells = 0;
+        for (int level = 0; level < levels; ++level)
+            cells += call.levels[level].bands() * call.levels[level].cells_across();
+        return cells;
+    }
+    int count() const { return first_[kLevels]; }
+    // The number of the cell at a pixel of a level.
+    int at(int level, int row, int column) const {
+        const PyramidLevel &own = call_.levels[level];
+        return first_[level] + row / own.band_rows * own.cells_across() + column / kCellColumns;
+    }
+    // Whether dynamic splats may show in a cell of this frame.
+    std::uint8_t &dynamic(int cell) const { return dynamic_[cell]; }
+    // Whether the picture of a coarser level in the workspace has the static splats alone there.
+    std::uint8_t &drawn(int cell) const { return dynamic_[count() + cell]; }
+
+   private:
+    const RenderCall &call_;
+    std::uint8_t *dynamic_;
+    int first_[kLevels + 1];
+};
+
+// Calls body(run, key) for each run of the cells of a tile that have the same key(column).
+template <class Key, class Body>
+void for_runs(Tile tile, Key key, Body body) {
+    int begin = tile.columns.begin, now = key(begin);
+    for (int x = begin + kCellColumns; x < tile.columns.end; x += kCellColumns) {
+        const int next = key(x);
+        if (next == now) continue;
+        body(Tile{tile.rows, {begin, x}}, now);
+        begin = x;
+        now = next;
+    }
+    body(Tile{tile.rows, {begin, tile.columns.end}}, now);
+}
+
 class FrameRenderer {
    public:
     // Reserves the memory that a frame needs when `bands` threads rasterise bands at the same time.
@@ -62,15 +109,27 @@ class FrameRenderer {
     // Rasterises the static splats of all levels, which are separate, into the workspace.
     StaticPyramid draw_static_pyramid() const;
 
-    // Rasterises the tiles of the frame, in any order. Calls done(tile, pixels) for each.
-    template <class Done>
-    void render(Done done) const {
-        render_levels();
+    // Rasterises the tiles of the frame, in any order. `cells` may be null: then all of the frame
+    // is rasterised. Else copied_from(cell) says for each cell of level 0 whether it is copied: 0 =
+    // no. Calls copy(tile, from) for each run of cells that are copied from the same, and
+    // done(tile, pixels) for the others.
+    template <class CopiedFrom, class Copy, class Done>
+    void render(const Cells *cells, CopiedFrom copied_from, Copy copy, Done done) const {
+        render_levels(cells);
         for_tiles(1, [&](int, Tile tile, const Pixels &pixels) {
-            rasterise_tile(0, tile, pixels);
-            done(tile, pixels);
+            const auto draw = [&](Tile run, int from) {
+                if (from) return copy(run, from);
+                rasterise_tile(0, run, pixels);
+                done(run, pixels);
+            };
+            if (!cells) return draw(tile, 0);
+            for_runs(
+                tile, [&](int x) { return copied_from(cells->at(0, tile.rows.begin, x)); }, draw);
         });
     }
+
+    // Marks the cells in which dynamic splats may show.
+    void find_dynamic(const Cells &) const;
 
     // Writes the gradients of all parameters. For each tile of each band, from left to right,
     // fill(band, tile, pixels) writes the gradient of the pixels to `pixels`, with zeros beyond the
@@ -80,7 +139,7 @@ class FrameRenderer {
     template <class Looks, class Fill>
     void backward(bool render_first, const GopArrays &gradient, Looks looks, Fill fill) const {
         reserve_backward();
-        if (render_first) render_levels();
+        if (render_first) render_levels(nullptr);
         for_tiles(2, [&](int band, Tile tile, const Pixels &pixels) {
             if (!looks(tile)) return skip_tile(tile, pixels);
             if (render_first) rasterise_tile(0, tile, pixels);
@@ -122,7 +181,9 @@ class FrameRenderer {
     float *edges(int level) const;
     // Adds the edges of the next finer level to rows of a level's picture gradient.
     void add_edges(int level, Range rows) const;
-    void render_levels() const;
+    // Rasterises the coarser levels, without the cells that have been drawn before and show the
+    // same again; null: all.
+    void render_levels(const Cells *) const;
     void backward_levels() const;
     // The pixels of a whole level in a buffer that holds the levels from `first` on.
     Pixels level_pixels(float *pictures, int first, int level) const;

@@ -73,6 +73,8 @@ struct Tile {
 // Pixels of a tile of level 0: a tile stays in the second cache of most processors. Its rows are a
 // whole number of bands of every instruction set.
 constexpr int kTileColumns = 256, kTileRows = 64;
+// A cell is a part of a tile: so many columns of a band.
+constexpr int kCellColumns = 32;
 
 // The box that the splats of one block touch in one layer. The moments of the block start at
 // `slot`: one for each band that the block touches.
