@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.motion import flow_estimator
-from gsvrcodec.fit.moving import moving, still_gaussians
+from gsvrcodec.fit.moving import moving, to_be_static
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.parameters import Anchor, Parameters
 from gsvrcodec.fit.precision import equal_slope_steps, sensitivities
@@ -127,7 +127,7 @@ def fit_gop(
     where = moving(footage.frames, MOVING.key_bits * bit_worth(qscale))
     footage = replace(footage, moving=where)
     parameters = Parameters(start, options.deform, backend, footage.background)
-    parameters.stand(np.arange(len(start)), still_gaussians(start, where))
+    parameters.make_static(np.arange(len(start)), to_be_static(start, where))
     effort, tuning = allowance.split(tune=options.tune, least_steps=EFFORT.least_steps, began=began)
     price = price_of(parameters, footage, qscale, rng)
     optimise(parameters, footage, MAIN, effort, rng, price=price, slope=slope)

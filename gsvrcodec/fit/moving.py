@@ -1,4 +1,4 @@
-"""Where the source moves, and which Gaussians lie there: the others need no motion."""
+"""Where the source moves, and which Gaussians lie elsewhere: they are to be static."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from gsvrcodec.fit.tuned import MOVING
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import Look
 
+#: Rows at a time, so that their sums stay in the cache.
+_ROWS = 32
 Moving = NDArray[np.bool_]  #: (H, W) where the source moves
 
 
@@ -22,17 +24,21 @@ def moving(frames: Frames, worth: float) -> Moving:
         worth: squared error, summed over the frames, that motion has to save for each pixel; 8-bit
             codes, mean of the channels.
     """
-    total, squares = np.zeros((2, *frames.shape[1:]), np.float32)
-    for frame in frames:
-        cv2.accumulate(frame, total)
-        cv2.accumulateSquare(frame, squares)
-    count = len(frames)
-    variance = (squares - total * total / count).mean(axis=2) / max(count - 1, 1)
+    count, height, width = frames.shape[:3]
+    variance = np.empty((height, width), np.float32)
+    for top in range(0, height, _ROWS):
+        rows = frames[:, top : top + _ROWS]
+        total, squares = np.zeros((2, *rows.shape[1:]), np.float32)
+        for part in rows:
+            cv2.accumulate(part, total)
+            cv2.accumulateSquare(part, squares)
+        apart = (squares - total * total / count).mean(axis=2)
+        variance[top : top + _ROWS] = apart / max(count - 1, 1)
     near = cv2.blur(variance, 2 * (MOVING.box_px,))
     return np.asarray(near > worth / count)
 
 
-def still_gaussians(look: Look | Gop, where: Moving) -> NDArray[np.bool_]:
+def to_be_static(look: Look | Gop, where: Moving) -> NDArray[np.bool_]:
     """Return which Gaussians lie where hardly anything moves, (N,)."""
     height, width = where.shape
     table = cv2.integral(where.astype(np.uint8))

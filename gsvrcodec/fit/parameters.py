@@ -123,7 +123,7 @@ class Parameters:
         self.anchor = None if anchor is None else anchor.copy()
         self._anchored = self._anchor_tensors()
         self._frozen: Tensor | None = None
-        self._moves: Tensor | None = None  # 1, or 0 for what stands still, (N, 1)
+        self._moves: Tensor | None = None  # 1, or 0 for what is static, (N, 1)
         self.background = background
         device = backend.device
         tensors = {
@@ -257,28 +257,27 @@ class Parameters:
         """From now on `hold` keeps the look of these Gaussians, (N,)."""
         self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)
 
-    def stand(self, chosen: NDArray[np.intp], still: NDArray[np.bool_]) -> None:
-        """Let Gaussians stand still from now on, or let them move; both begin without steps.
+    def make_static(self, chosen: NDArray[np.intp], static: NDArray[np.bool_]) -> None:
+        """Take the motion of Gaussians away, and give them none from now on; or let them move.
+
+        Without polynomials nothing is done.
 
         Args:
             chosen: (K,) numbers of Gaussians.
-            still: (K,) which of them have no motion.
+            static: (K,) which of them have no motion; the others may have one.
         """
         if "linear" not in self.raw:
             return
         if self._moves is None:
             self._moves = torch.ones_like(self.raw["linear"][:, :1])
-        self._moves[chosen] = torch.from_numpy(1 - still[:, None].astype(np.float32)).to(
+        self._moves[chosen] = torch.from_numpy(1 - static[:, None].astype(np.float32)).to(
             self._moves.device
         )
         for name in MOTION:
-            self.raw[name][chosen[still]] = 0.0
+            self.raw[name][chosen[static]] = 0.0
 
     def hold(self, gradients: Tensors) -> None:
-        """Take the gradients away from looks that are frozen and from motion of what stands still.
-
-        That is done in place.
-        """
+        """Set the gradients of frozen looks, and of the motion of static Gaussians, to 0."""
         if self._frozen is not None:
             for name in gradients.keys() & LOOK:
                 gradients[name].index_fill_(0, self._frozen, 0.0)

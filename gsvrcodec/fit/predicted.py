@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
-from gsvrcodec.fit.moving import moving, still_gaussians
+from gsvrcodec.fit.moving import moving, to_be_static
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
@@ -97,8 +97,9 @@ def fit_predicted(
     if extra > 0:
         begin, anchor = _with_new(begin, anchor, extra)
     parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
-    still = np.resize(still_gaussians(look[~stays], where), len(begin))
-    parameters.stand(np.arange(len(begin)), still)
+    static = np.resize(to_be_static(look[~stays], where), len(begin))
+    parameters.make_static(np.arange(len(begin)), static)
+    begin = parameters.stored()
     fresh = max(extra, int(PREDICTION.renewed_first * len(begin)))
     lost = min(PREDICTION.lost, reference.psnr - PREDICTION.lost_fall)
     began_with = mean_psnr(parameters.gop(), footage, backend)

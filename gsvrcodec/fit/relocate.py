@@ -120,8 +120,7 @@ def relocate(
         rng: source of the new places.
         share: fraction of the Gaussians that moves.
         more: Gaussians that are added; below 0 = the weakest leave.
-        moving: (H, W) where something moves; None = everywhere. Elsewhere those that move there
-            stand still from then on.
+        moving: (H, W) where the source moves; None = everywhere. What comes elsewhere is static.
 
     Returns:
         (N,) the index that each Gaussian had before, and (N,) whether it is new there.
@@ -171,7 +170,7 @@ def move_weakest(
 
     like = np.empty(count, np.intp)
     position, colour = np.empty((count, 2), np.float32), np.empty((count, 3), np.float32)
-    weight, still = np.empty(count, np.float32), np.zeros(count, np.bool_)
+    weight, static = np.empty(count, np.float32), np.zeros(count, np.bool_)
     each = zip(sums, errors, shown, [0, *bounds[:-1]], bounds, strict=True)
     for own, error, index, begin, end in each:
         pixels = _stratified(error.ravel(), end - begin, rng)
@@ -185,8 +184,8 @@ def move_weakest(
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
         if moving is not None:
             column, row = (places * moving.shape[::-1]).astype(np.intp).T
-            still[begin:end] = ~moving[row, column]
-        way = np.where(still[begin:end, None], 0, moved[near] - gop.position[near])
+            static[begin:end] = ~moving[row, column]
+        way = np.where(static[begin:end, None], 0, moved[near] - gop.position[near])
         position[begin:end] = 2 * places - 1 - way
 
     low, high = RELOCATION.sigma_range
@@ -199,7 +198,7 @@ def move_weakest(
         log_scale=np.clip(gop.log_scale[like], math.log(low), math.log(high)),
     )
     if moving is not None:
-        parameters.stand(weakest, still)
+        parameters.make_static(weakest, static)
     return weakest
 
 

@@ -10,7 +10,7 @@ import torch
 
 from gsvrcodec.fit.fitting import Allowance, fit_gop
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.moving import moving, still_gaussians
+from gsvrcodec.fit.moving import moving, to_be_static
 from gsvrcodec.fit.parameters import MOTION, Parameters
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.recipe import Deform, FitOptions
@@ -71,10 +71,10 @@ def test_gaussians_stand_still_where_their_boxes_do() -> None:
     log_scale = np.log([[2, 4], [2, 4], [90, 90], [1, 1], [8, 1]]).astype(np.float32)
     rotation = np.array([0, 1, 0, 0, np.pi / 2], np.float32)  # the last is narrow along x
     look = Look(position, log_scale, rotation, np.zeros((5, 3)), np.zeros(5))  # type: ignore[arg-type]
-    assert still_gaussians(look, where).tolist() == [False, True, True, True, False]
+    assert to_be_static(look, where).tolist() == [False, True, True, True, False]
     look.rotation[-1] = 0  # it reaches from 23 to 55 px: half of it
-    assert not still_gaussians(look, where)[-1]
-    assert still_gaussians(look[:0], where).shape == (0,)
+    assert not to_be_static(look, where)[-1]
+    assert to_be_static(look[:0], where).shape == (0,)
 
 
 class TestStand:
@@ -82,7 +82,7 @@ class TestStand:
     def test_steps_and_values(self, make: Callable[[], Parameters]) -> None:
         parameters = make()
         still = np.arange(28) % 3 == 0
-        parameters.stand(np.arange(28), still)
+        parameters.make_static(np.arange(28), still)
         np.testing.assert_array_equal(stands_still(parameters.gop()), still)
         gradients = {name: torch.ones_like(tensor) for name, tensor in parameters.raw.items()}
         parameters.hold(gradients)
@@ -95,18 +95,18 @@ class TestStand:
     def test_it_follows_the_order_and_can_end(self) -> None:
         parameters = key()
         still = np.arange(28) % 3 == 0
-        parameters.stand(np.arange(28), still)
+        parameters.make_static(np.arange(28), still)
         order = np.random.default_rng(0).permutation(28)
         parameters.rearrange(order)
         np.testing.assert_array_equal(stands_still(parameters.gop()), still[order])
         at = int(np.flatnonzero(still[order])[0])
-        parameters.stand(np.array([at]), np.array([False]))
+        parameters.make_static(np.array([at]), np.array([False]))
         assert parameters.gop().indicator[at] < 1
 
     def test_without_polynomials_there_is_nothing_to_hold(self) -> None:
         parameters = predicted("triplane")
         before = parameters.gop()
-        parameters.stand(np.arange(28), np.ones(28, np.bool_))
+        parameters.make_static(np.arange(28), np.ones(28, np.bool_))
         np.testing.assert_array_equal(parameters.gop().indicator, before.indicator)
 
 
