@@ -12,6 +12,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples, Size
 
 Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
+Moving = NDArray[np.bool_]  #: (H, W) where the source moves
 
 #: Shorter side below which frames are not halved, px.
 _LEAST_SIDE = 128
@@ -24,7 +25,7 @@ class Footage:
     frames: Frames  #: (F, H, W, 3) RGB
     taus: Float32Array  #: (F,) normalised times
     background: Gop | None = None  #: static Gaussians drawn behind the fitted ones
-    moving: NDArray[np.bool_] | None = None  #: (H, W) where they move; None = everywhere
+    moving: Moving | None = None  #: None = everywhere
 
     @property
     def size(self) -> tuple[int, int]:

@@ -6,14 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Frames
+from gsvrcodec.fit.footage import Frames, Moving
 from gsvrcodec.fit.tuned import MOVING
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import Look
 
 #: Rows at a time, so that their sums stay in the cache.
 _ROWS = 32
-Moving = NDArray[np.bool_]  #: (H, W) where the source moves
 
 
 def moving(frames: Frames, worth: float) -> Moving:

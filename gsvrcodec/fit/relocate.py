@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Footage, Frames, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, Moving, some_frames
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.tuned import EFFECT, RELOCATION
 from gsvrcodec.model.gop import Float32Array, Gop
@@ -105,7 +105,7 @@ def relocate(
     rng: np.random.Generator,
     share: float,
     more: int = 0,
-    moving: NDArray[np.bool_] | None = None,
+    moving: Moving | None = None,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Move the weakest Gaussians of `parameters`, in place, and put all in rendering order again.
 
@@ -152,7 +152,7 @@ def move_weakest(
     coded_size: tuple[int, int],
     rng: np.random.Generator,
     count: int,
-    moving: NDArray[np.bool_] | None = None,
+    moving: Moving | None = None,
 ) -> NDArray[np.intp]:
     """Move the `count` weakest Gaussians, and return which they are; the rest as `relocate`."""
     gop = parameters.gop()

@@ -38,7 +38,7 @@ class TestRealClips:
     @pytest.mark.parametrize("source", LEAST_PSNR, ids=lambda path: path.stem)
     def test_pictures_times_and_figures(self, source: Path, tmp_path: Path) -> None:
         target = tmp_path / "a.gsvr"
-        result = quick(source, target)
+        result = quick(source, target, seed=3)
         with open_video(source) as video, gsvrcodec.open(target) as decoder:
             shots = list(video)
             meta = decoder.metadata
@@ -53,8 +53,8 @@ class TestRealClips:
         assert measured.psnr_rgb == pytest.approx(result.psnr, abs=0.02)
         assert measured.psnr_rgb > LEAST_PSNR[source]
         # All clips have the steps of one slope, so rounding costs more dB the better the fit is:
-        # 0.4 to 0.8 dB here.
-        assert -0.1 < result.float_psnr - result.psnr < 0.9
+        # 0.4 to 0.7 dB here.
+        assert -0.1 < result.float_psnr - result.psnr < 0.8
         assert measured.bpp == pytest.approx(result.bpp)
         assert result.bytes == target.stat().st_size
         assert result.path == target

@@ -15,6 +15,7 @@ from gsvrcodec.fit.parameters import MOTION, Parameters
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.recipe import Deform, FitOptions
 from gsvrcodec.fit.relocate import relocate
+from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import MOVING
 from gsvrcodec.model.gop import Gop
@@ -68,9 +69,10 @@ def test_gaussians_stand_still_where_their_boxes_do() -> None:
     where = np.zeros((50, 100), np.bool_)
     where[:, :40] = True  # less than half
     position = np.array([[-0.5, 0], [0.5, 0], [0, 0], [3, 0], [-0.22, 0]], np.float32)
-    log_scale = np.log([[2, 4], [2, 4], [90, 90], [1, 1], [8, 1]]).astype(np.float32)
+    log_scale = np.log(np.array([[2, 4], [2, 4], [90, 90], [1, 1], [8, 1]], np.float32))
     rotation = np.array([0, 1, 0, 0, np.pi / 2], np.float32)  # the last is narrow along x
-    look = Look(position, log_scale, rotation, np.zeros((5, 3)), np.zeros(5))  # type: ignore[arg-type]
+    hidden = np.zeros((5, 3), np.float32), np.zeros(5, np.float32)
+    look = Look(position, log_scale, rotation, *hidden)
     assert to_be_static(look, where).tolist() == [False, True, True, True, False]
     look.rotation[-1] = 0  # it reaches from 23 to 55 px: half of it
     assert not to_be_static(look, where)[-1]
@@ -129,8 +131,6 @@ def test_relocated_gaussians_stand_still_where_nothing_moves() -> None:
 
 def start(frames: Frames, gaussians: int) -> Gop:
     """Gaussians to begin with."""
-    from gsvrcodec.fit.start import content_aware
-
     rng = np.random.default_rng(0)
     return content_aware(footage(frames), gaussians, (6, 4, len(frames)), None, rng, BACKEND)
 
@@ -147,9 +147,9 @@ def test_key_and_predicted_gops_move_where_the_source_does(deform: Deform) -> No
     after = fit_predicted(footage(film(first=6)), reference, 500, *how, seed=(1,), slope=slope)
     assert after is not None
     assert after.anchor is not None
+    assert (fit.gop.position[:, 0] > 0.1).any()
     for gop, psnr in ((fit.gop, fit.psnr), (after.anchor.gop(after.gop), after.psnr)):
-        right = gop.position[:, 0] > 0.1
-        assert right.any() or gop is not fit.gop
-        assert stands_still(gop)[right].mean() > 0.95 if right.any() else True
-        assert not stands_still(gop).all()
+        moves = gop.position[~stands_still(gop)]
+        assert len(moves) > 20
+        assert (moves[:, 0] > 0.1).mean() < 0.02
         assert psnr > 27
