@@ -24,6 +24,7 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ChainFrames, ChainReader
 from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import WorkerError
+from gsvrcodec.fit.footage import Picture
 from gsvrcodec.fit.target import Quality, Size, Slope
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from gsvrcodec.limits import Limits
@@ -40,7 +41,7 @@ def chain_jobs(
     """Yield the job of each GOP; is sent the result before it yields the next one.
 
     Args:
-        chain: the frames; finished GOPs need none.
+        chain: the frames; of finished GOPs, those of the last alone are needed.
         budgets: of each GOP; bytes that one GOP leaves go to the next ones.
         settings: of the encode.
         finished: results of the first GOPs of the chain, which are not done again.
@@ -49,10 +50,13 @@ def chain_jobs(
     began = time.perf_counter()
     efforts = shared_efforts(list(map(len, chain.gops)))
     state = _State(settings, sum(budget.bytes for budget in budgets))
+    before: Picture | None = None  #: last frame of the GOP before
     overruns: list[float] = []  # seconds that GOPs took beyond their time, to start and to pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
             state.add(finished[number], budget)
+            if number + 1 == len(finished):
+                before = chain.take(number)[-1].copy()
             continue
         left = None
         if seconds is not None:
@@ -62,8 +66,9 @@ def chain_jobs(
             ][number:]
             spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
             left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
+        frames = chain.take(number)
         job = GopJob(
-            frames=chain.take(number),
+            frames=frames,
             pts=chain.pts[number],
             durations=chain.durations[number],
             first_frame=gop.start,
@@ -73,7 +78,10 @@ def chain_jobs(
             effort=efforts[number],
             seconds=left,
             reference=state.reference,
+            before=before,
         )
+        before = frames[-1].copy()  # without the others
+        del frames
         asked = time.perf_counter()
         result = yield job
         del job

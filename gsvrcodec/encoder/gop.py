@@ -24,7 +24,7 @@ from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
-from gsvrcodec.fit.footage import Footage
+from gsvrcodec.fit.footage import Footage, Picture
 from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
@@ -67,6 +67,7 @@ class GopJob:
     effort: float = 1.0  #: optimiser steps / steps of the preset
     seconds: float | None = None  #: wall time to spend; None = by the preset
     reference: Reference | None = None  #: None = a key GOP
+    before: Picture | None = None  #: (H, W, 3) RGB last frame of the reference, of the source
 
     @property
     def size(self) -> tuple[int, int]:
@@ -144,7 +145,7 @@ class _Fitter:
     def predicted(self) -> Fit | None:
         """Predict from the reference; None if there is none, or if it has lost the frames."""
         job, reference = self._job, self._job.reference
-        if reference is None:
+        if reference is None or job.before is None:
             return None
         budget, backend = job.budget, self.backend
         last = np.array([1.0 if reference.frames > 1 else 0.0], np.float32)
@@ -158,7 +159,7 @@ class _Fitter:
             slope = Slope(reference.qscale, int(most))
         return fit_predicted(
             self._footage,
-            LastFrame(look, shown, qscale, reference.psnr),
+            LastFrame(look, shown, job.before, qscale, reference.psnr),
             budget.gaussians,
             job.grid,
             job.options,

@@ -163,7 +163,7 @@ class ChainReader(Protocol):
     """Gets the frames of chains, in the order of the film."""
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
-        """Return the frames of a chain; the pictures of its first `finished` GOPs are left out."""
+        """Return the frames of a chain; no pictures of its `finished` GOPs but for the last."""
 
     def skip(self, chain: Chain) -> None:
         """Pass over a chain."""
@@ -185,7 +185,7 @@ class ReadHere(ChainReader):
         """Read the frames of a chain; InputError if the video has become shorter."""
         info, read = self._info, ChainFrames(chain, [], [], [])
         for number, gop in enumerate(chain):
-            kept = len(gop) if number >= finished else 0
+            kept = len(gop) if number >= finished - 1 else 0
             pictures = np.empty((kept, info.height, info.width, 3), np.uint8)
             times = np.empty((2, len(gop)), np.int64)
             found = 0

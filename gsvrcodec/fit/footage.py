@@ -12,6 +12,7 @@ from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.render.backend import Backend, Samples, Size
 
 Frames = NDArray[np.uint8]  #: (F, H, W, 3) RGB
+Picture = NDArray[np.uint8]  #: (H, W, 3) RGB
 Moving = NDArray[np.bool_]  #: (H, W) where the source moves
 
 #: Shorter side below which frames are not halved, px.

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Frames, Moving
+from gsvrcodec.fit.footage import Frames, Moving, Picture
 from gsvrcodec.fit.tuned import MOVING
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import Look
 
 #: Rows at a time, so that their sums stay in the cache.
@@ -23,18 +23,43 @@ def moving(frames: Frames, worth: float) -> Moving:
         worth: squared error, summed over the frames, that motion has to save for each pixel; 8-bit
             codes, mean of the channels.
     """
-    count, height, width = frames.shape[:3]
-    variance = np.empty((height, width), np.float32)
-    for top in range(0, height, _ROWS):
-        rows = frames[:, top : top + _ROWS]
+    _, variance = _mean_and_variance(frames)
+    return _more(variance, worth / len(frames))
+
+
+def changed(frames: Frames, before: Picture, worth: float) -> Moving:
+    """Return where the mean of frames differs from the frame before them by more than `worth`.
+
+    What the noise of the frames makes of this difference is taken off.
+
+    Args:
+        frames: (F, H, W, 3) of one shot.
+        before: (H, W, 3) the frame before them.
+        worth: squared error as for `moving`.
+    """
+    mean, variance = _mean_and_variance(frames)
+    return _more(np.square(mean - before) - variance * (1 + 1 / len(frames)), worth / len(frames))
+
+
+def _mean_and_variance(frames: Frames) -> tuple[Float32Array, Float32Array]:
+    """Mean and variance over time, (H, W, 3) each; 8-bit codes and their squares."""
+    count = len(frames)
+    mean, variance = np.empty((2, *frames.shape[1:]), np.float32)
+    for top in range(0, frames.shape[1], _ROWS):
+        rows, own = frames[:, top : top + _ROWS], slice(top, top + _ROWS)
         total, squares = np.zeros((2, *rows.shape[1:]), np.float32)
         for part in rows:
             cv2.accumulate(part, total)
             cv2.accumulateSquare(part, squares)
-        apart = (squares - total * total / count).mean(axis=2)
-        variance[top : top + _ROWS] = apart / max(count - 1, 1)
-    near = cv2.blur(variance, 2 * (MOVING.box_px,))
-    return np.asarray(near > worth / count)
+        mean[own] = total / count
+        variance[own] = (squares - total * total / count) / max(count - 1, 1)
+    return mean, variance
+
+
+def _more(squares: Float32Array, least: float) -> Moving:
+    """Where squared differences, (H, W, 3), are above `least` in the mean of a box."""
+    near = cv2.blur(squares, 2 * (MOVING.box_px,))
+    return np.asarray(near.mean(axis=2) > least)
 
 
 def to_be_static(look: Look | Gop, where: Moving) -> NDArray[np.bool_]:

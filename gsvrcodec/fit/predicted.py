@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
-from gsvrcodec.fit.footage import Footage, some_frames
+from gsvrcodec.fit.footage import Footage, Picture, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
-from gsvrcodec.fit.moving import moving, to_be_static
+from gsvrcodec.fit.moving import changed, moving, to_be_static
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
@@ -34,7 +34,8 @@ class LastFrame:
     """The last frame of the reference, from which a predicted fit starts."""
 
     look: Look  #: (M, ...) the Gaussians as in the last frame of the reference
-    picture: NDArray[np.uint8]  #: (H, W, 3) that frame, decoded
+    picture: Picture  #: (H, W, 3) that frame, decoded
+    source: Picture  #: (H, W, 3) that frame, as it was to be shown
     qscale: float  #: that the GOP may be stored at; sets what a change costs
     psnr: float  #: dB, mean of the frames of the reference
 
@@ -80,14 +81,18 @@ def fit_predicted(
     look = reference.look[there]
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
-    stays = worth < _least_worth(worth, PREDICTION.kept_bits * bit, allowance.gaussians)
+    least = PREDICTION.kept_bits * bit
+    where = moving(footage.frames, MOVING.predicted_bits * bit)
+    elsewhere = changed(footage.frames, reference.source, MOVING.predicted_bits * bit)
+    still = to_be_static(look, where | elsewhere)
+    worth[still & (worth < PREDICTION.still_worth * least)] = 0
+    stays = worth < _least_worth(worth, least, allowance.gaussians)
     extra = gaussians - len(there)
     if stays.all() and extra <= 0:
         stays[worth.argmax()] = False  # something has to be fitted
     kept = np.zeros(len(reference.look.position), np.bool_)
     kept[there[stays]] = True
     carried = there[~stays]
-    where = moving(footage.frames, MOVING.predicted_bits * bit)
     behind = static_gop(*_values(look[stays])) if kept.any() else None
     footage = replace(footage, background=behind, moving=where)
     grid = affordable(grid, max(len(carried) + extra, 1), backend.blending)
@@ -190,7 +195,7 @@ def _values(look: Look) -> tuple[Float32Array, ...]:
 def _start(
     footage: Footage,
     anchor: Anchor,
-    before: NDArray[np.uint8],
+    before: Picture,
     grid: GridSize,
     options: FitOptions,
     rng: np.random.Generator,

@@ -104,6 +104,8 @@ class _Prediction:
     draws: int = 6  #: noises that sensitivities are measured with there
     floor: float = 0.05  #: least sensitivity / mean sensitivity of all Gaussians
     kept_bits: float = 130.0  #: worth of a change below which a Gaussian is kept as it is, bits
+    #: the same where the source stands still and is as before / `kept_bits`
+    still_worth: float = 8.0
     hurried: float = 10.0  #: cap on the multiplier of `kept_bits` under a time budget
     change_bits: float = 2.0  #: of a change, beside those of its components
     undone: float = 1.5  #: worth of a change / worth of its bits below which it is undone

@@ -47,6 +47,13 @@ class TestJobs:
             assert job.reference.frames == len(before.pts)
             assert job.reference.qscale == 1.5
 
+    def test_the_frame_before_is_at_hand(self) -> None:
+        key, *predicted = jobs_of()
+        assert key.before is None
+        for job in predicted:
+            assert job.before is not None
+            np.testing.assert_array_equal(job.before, np.full((4, 6, 3), job.first_frame - 1))
+
     @pytest.mark.parametrize("finished", [1, 2, 3])
     def test_finished_gops_are_not_done_again(self, finished: int) -> None:
         resumed, rest = jobs_of(finished=finished), jobs_of()[finished:]
@@ -56,6 +63,9 @@ class TestJobs:
             assert same.reference is not None
             assert_gops_equal(job.reference.gop, same.reference.gop)
             assert (job.budget, job.effort) == (same.budget, same.effort)
+            assert job.before is not None
+            assert same.before is not None
+            np.testing.assert_array_equal(job.before, same.before)
 
     def test_a_key_gop_may_stand_within(self) -> None:
         """A GOP that was not predicted after all is the reference of the next one as it is."""

@@ -124,7 +124,8 @@ def following(
     job, done = key
     assert done.qscale is not None
     reference = Reference(decoded(done, job), 3, frames_of_reference, done.qscale, done.psnr)
-    return replace(gop_job(frames, budget, first_frame=7, **settings), reference=reference)
+    own = gop_job(frames, budget, first_frame=7, **settings)
+    return replace(own, reference=reference, before=job.frames[-1])
 
 
 class TestPredicted:

@@ -10,7 +10,7 @@ import torch
 
 from gsvrcodec.fit.fitting import Allowance, fit_gop
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.moving import moving, to_be_static
+from gsvrcodec.fit.moving import changed, moving, to_be_static
 from gsvrcodec.fit.parameters import MOTION, Parameters
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.recipe import Deform, FitOptions
@@ -79,6 +79,22 @@ def test_gaussians_stand_still_where_their_boxes_do() -> None:
     assert to_be_static(look[:0], where).shape == (0,)
 
 
+class TestChanged:
+    def test_noise_alone_is_no_change(self) -> None:
+        frames = film(7, 0.0, noise=3.0)
+        assert changed(frames[1:], frames[0], WORTH).mean() < 0.01
+
+    def test_what_goes_by_between_two_gops_is_seen(self) -> None:
+        """Nothing moves within the GOP, but the square was elsewhere in the frame before."""
+        frames, before = film(step=0.0, noise=1.0), film(1, step=20.0, first=1)[0]
+        assert not moving(frames, WORTH).any()
+        where = changed(frames, before, WORTH)
+        assert where[40:56, 6:20].mean() > 0.9
+        assert where[40:56, 30:46].mean() > 0.9
+        assert not where[:, 64:].any()
+        assert not where[72:].any()
+
+
 class TestStand:
     @pytest.mark.parametrize("make", [key, predicted])
     def test_steps_and_values(self, make: Callable[[], Parameters]) -> None:
@@ -143,7 +159,7 @@ def test_key_and_predicted_gops_move_where_the_source_does(deform: Deform) -> No
     slope = Slope(1.0, 2000)
     fit = fit_gop(footage(film()), 500, *how, seed=(0,), slope=slope)
     shown = BACKEND.render(BACKEND.prepare(fit.gop), np.ones(1, np.float32), SIZE, SIZE)[0]
-    reference = LastFrame(last_look(fit.gop, 6), shown, 1.0, fit.psnr)
+    reference = LastFrame(last_look(fit.gop, 6), shown, film()[-1], 1.0, fit.psnr)
     after = fit_predicted(footage(film(first=6)), reference, 500, *how, seed=(1,), slope=slope)
     assert after is not None
     assert after.anchor is not None

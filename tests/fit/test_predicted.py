@@ -58,7 +58,7 @@ def key() -> Key:
     fit = fit_gop(footage(film()), GAUSSIANS, GRID, options, effort, BACKEND, seed=(0, 0))
     end = np.array([1], np.float32)
     shown = BACKEND.render(BACKEND.prepare(fit.gop), end, SIZE, SIZE)[0]
-    return Key(fit, LastFrame(last_look(fit.gop, FRAMES), shown, 1.0, fit.psnr))
+    return Key(fit, LastFrame(last_look(fit.gop, FRAMES), shown, film()[-1], 1.0, fit.psnr))
 
 
 def static(reference: LastFrame) -> Gop:
@@ -169,6 +169,13 @@ class TestChangeWorth:
 
 
 class TestKept:
+    def test_more_where_the_source_is_as_before(self, key: Key) -> None:
+        """The same error of the same picture, which the source has had before, or not."""
+        brighter = film() // 8 * 7 + 16
+        before = replace(key, reference=replace(key.reference, source=brighter[0]))
+        new, old = (parts(predicted(one, brighter))[0].sum() for one in (key, before))
+        assert old > new + 0.2 * GAUSSIANS
+
     def test_nearly_everything_of_a_still_film(self, key: Key) -> None:
         fit = predicted(key, film())
         kept, anchor = parts(fit)
