@@ -279,7 +279,6 @@ def _tasks(
     for number, chain in enumerate(chains):
         own = list(islice(waiting, len(chain)))
         if not missing[number]:
-            reader.skip(chain)
             continue
         seconds = None
         if settings.time_budget is not None:

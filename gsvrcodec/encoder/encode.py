@@ -168,7 +168,7 @@ def encode(
 
         # Fit: chains side by side, the GOPs of each one after another.
         runner: Runner = elsewhere or Processes.for_film(lookahead, checkpoint, video.info, chosen)
-        reader: ChainReader = ReadHere(video, pack=runner.sends)
+        reader: ChainReader = ReadHere(video, lookahead, pack=runner.sends)
         if shared_source:
             reader = ReadThere(video, request.reading, lookahead)
         tasks = all_tasks(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -18,7 +17,7 @@ from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.lookahead import Lookahead, checksum
 from gsvrcodec.errors import GsvrError, InputError, NotAVideoError
 from gsvrcodec.model.time import Ticks
-from gsvrcodec.video import Rgb, SourceFrame, VideoReader, open_video
+from gsvrcodec.video import Rgb, VideoReader, open_video
 
 #: Few suffice: reading takes as long as packing on one core.
 _THREADS = 4
@@ -143,13 +142,55 @@ class SharedPictures:
         return self.source.pictures(self.pts, self.checksums)
 
 
+class _Onward:
+    """Reads a video forward: pictures of a GOP, then of one that begins there or later."""
+
+    def __init__(self, video: VideoReader) -> None:
+        self._info, self._later = video.info, video.pictures()
+        self.next = 0  #: number of the frame that comes next
+        self.stop = 0  #: of the chain that it reads
+
+    def read(self, gop: range) -> Pictures:
+        """Return pictures, (F, H, W, 3) RGB; InputError if the video has become shorter."""
+        info = self._info
+        pictures = np.empty((len(gop), info.height, info.width, 3), np.uint8)
+        wanted = islice(self._later, gop.start - self.next, gop.stop - self.next)
+        found = 0
+        for found, picture in enumerate(wanted, 1):
+            pictures[found - 1] = picture()
+        if found < len(gop):
+            raise InputError(f"{info.path} became shorter while it was read")
+        self.next = gop.stop
+        return pictures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaterPictures:
+    """Pictures of one GOP that are read when they are wanted, after those of the GOP before."""
+
+    gop: range  #: numbers of the frames
+    reader: _Onward
+
+    def __len__(self) -> int:
+        """Return how many pictures there are."""
+        return len(self.gop)
+
+    def unpacked(self) -> Pictures:
+        """Return (F, H, W, 3) RGB; raises as `_Onward.read`."""
+        return self.reader.read(self.gop)
+
+
+#: Pictures of one GOP, at hand or not.
+GopPictures = Pictures | PackedPictures | SharedPictures | LaterPictures
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ChainFrames:
     """The frames of a chain, by GOP."""
 
     gops: Sequence[range]  #: numbers of the frames
     #: (F, H, W, 3) RGB of each; emptied as they go
-    pictures: list[Pictures | PackedPictures | SharedPictures]
+    pictures: list[GopPictures]
     pts: list[Ticks]  #: (F,) ticks of each
     durations: list[Ticks]  #: (F,) ticks of each
 
@@ -165,44 +206,50 @@ class ChainReader(Protocol):
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return the frames of a chain; no pictures of its `finished` GOPs but for the last."""
 
-    def skip(self, chain: Chain) -> None:
-        """Pass over a chain."""
+
+class Times(Protocol):
+    """Times of the frames of a film, as far as they are known."""
+
+    @property
+    def pts(self) -> Sequence[int]:
+        """Of each frame, ticks."""
+
+    @property
+    def durations(self) -> Sequence[int]:
+        """Of each frame, ticks."""
 
 
 class ReadHere(ChainReader):
-    """Reads the source in this process.
+    """Reads the source in this process; chains side by side each go forward on their own.
 
     Args:
         video: the source.
-        pack: pack the pictures of each GOP as soon as they are read.
+        times: of its frames.
+        pack: read and pack the pictures of all GOPs of a chain at once, to be sent.
     """
 
-    def __init__(self, video: VideoReader, *, pack: bool) -> None:
-        self._info, self._pack = video.info, pack
-        self._frames: Iterator[SourceFrame] = iter(video)
+    def __init__(self, video: VideoReader, times: Times, *, pack: bool) -> None:
+        self._video, self._times, self._pack = video, times, pack
+        self._readers: list[_Onward] = []
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
-        """Read the frames of a chain; InputError if the video has become shorter."""
-        info, read = self._info, ChainFrames(chain, [], [], [])
-        for number, gop in enumerate(chain):
-            kept = len(gop) if number >= finished - 1 else 0
-            pictures = np.empty((kept, info.height, info.width, 3), np.uint8)
-            times = np.empty((2, len(gop)), np.int64)
-            found = 0
-            for found, frame in enumerate(islice(self._frames, len(gop)), 1):
-                times[:, found - 1] = frame.pts, frame.duration
-                if kept:
-                    pictures[found - 1] = frame.rgb
-            if found < len(gop):
-                raise InputError(f"{info.path} became shorter while it was read")
-            read.pictures.append(packed(pictures) if self._pack else pictures)
-            read.pts.append(times[0])
-            read.durations.append(times[1])
-        return read
+        """Return frames that are read when they are taken, GOP by GOP."""
+        left_out = max(finished - 1, 0)
+        reader = self._reader(chain[left_out].start)
+        reader.stop = chain[-1].stop
+        pictures: list[GopPictures] = [np.empty((0, 0, 0, 3), np.uint8)] * left_out
+        for gop in chain[left_out:]:
+            later = LaterPictures(gop, reader)
+            pictures.append(packed(later.unpacked()) if self._pack else later)
+        return ChainFrames(chain, pictures, *_times_of(chain, self._times))
 
-    def skip(self, chain: Chain) -> None:
-        """Read the frames of a chain and drop them."""
-        deque(islice(self._frames, chain[-1].stop - chain[0].start), maxlen=0)
+    def _reader(self, first: int) -> _Onward:
+        """Return the reader that has done its chain and is nearest before a frame, or a new one."""
+        done = [one for one in self._readers if one.stop <= one.next <= first]
+        if not done:
+            self._readers.append(_Onward(self._video))
+            return self._readers[-1]
+        return max(done, key=lambda one: one.next)
 
 
 class ReadThere(ChainReader):
@@ -223,14 +270,15 @@ class ReadThere(ChainReader):
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read where they are unpacked."""
         source, known = SharedSource(self._path, self._options), self._known
-        read = ChainFrames(chain, [], [], [])
+        pictures: list[GopPictures] = []
         for gop in chain:
             own = slice(gop.start, gop.stop)
-            pts, durations = known.pts[own], known.durations[own]
-            read.pictures.append(SharedPictures(source, pts, known.checksums[own]))
-            read.pts.append(np.array(pts, np.int64))
-            read.durations.append(np.array(durations, np.int64))
-        return read
+            pictures.append(SharedPictures(source, known.pts[own], known.checksums[own]))
+        return ChainFrames(chain, pictures, *_times_of(chain, known))
 
-    def skip(self, chain: Chain) -> None:
-        """Do nothing: nothing is read."""
+
+def _times_of(chain: Chain, times: Times) -> tuple[list[Ticks], list[Ticks]]:
+    """Timestamps and durations of the frames of each GOP, (F,) ticks each."""
+    found = times.pts, times.durations
+    pts, durations = ([np.array(one[g.start : g.stop], np.int64) for g in chain] for one in found)
+    return pts, durations

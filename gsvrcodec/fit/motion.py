@@ -109,6 +109,10 @@ def lengths(flow: FlowField) -> NDArray[np.float32]:
     return np.hypot(flow[..., 0], flow[..., 1])
 
 
+#: Points that are followed at a time: their tracks take 200 bytes a frame.
+_POINTS = 2**15
+
+
 class Tracker:
     """Optical flow between neighbouring frames of a GOP, both ways, estimated once."""
 
@@ -177,13 +181,16 @@ class Tracker:
         Returns:
             a1 and a2, both (N, 2) in normalised units ([-1, 1] is the frame).
         """
-        tracks, trust = self.follow(start, points)
-        moved = 2.0 * (tracks - tracks[start])
         basis = np.stack([taus - taus[start], taus**2 - taus[start] ** 2], 1).astype(np.float64)
         products = (basis[:, :, None] * basis[:, None, :]).reshape(len(taus), 4)
-        normal = (trust.T @ products).reshape(-1, 2, 2) + TRACKS.ridge * np.eye(2)
-        right = np.einsum("fi,fn,fnk->nik", basis, trust, moved, optimize=True)
-        solution = np.linalg.solve(normal, right).astype(np.float32)
+        solution = np.empty((len(points), 2, 2), np.float32)
+        for begin in range(0, len(points), _POINTS):
+            part = slice(begin, begin + _POINTS)
+            tracks, trust = self.follow(start, points[part])
+            moved = 2.0 * (tracks - tracks[start])
+            normal = (trust.T @ products).reshape(-1, 2, 2) + TRACKS.ridge * np.eye(2)
+            right = np.einsum("fi,fn,fnk->nik", basis, trust, moved, optimize=True)
+            solution[part] = np.linalg.solve(normal, right)
         return np.ascontiguousarray(solution[:, 0]), np.ascontiguousarray(solution[:, 1])
 
 

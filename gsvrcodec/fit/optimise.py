@@ -107,6 +107,7 @@ def optimise(
         if spent >= recipe.coarse:
             descent.refine()
         descent.step(spent, quantise if spent >= quantise_from else None)
+    descent.forget()
 
 
 class Every:
@@ -229,6 +230,10 @@ class _Descent:
             self._recorded[kind](*how)
         effort.advance()
 
+    def forget(self) -> None:
+        """Let go of recorded steps, which refer to this object and so would keep its frames."""
+        self._recorded = {}
+
     def _take(
         self,
         kind: _Kind,
@@ -269,7 +274,7 @@ class _Descent:
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Follow the parameters, which were put into another order."""
         self._adam.rearrange(order, moved)
-        self._recorded = {}
+        self.forget()
         self._paced.again()
         self._priced.again()
         if self._price is not None:

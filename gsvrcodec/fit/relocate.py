@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from itertools import compress
 
 import cv2
 import numpy as np
@@ -51,13 +50,19 @@ def effects(
     """
     total = np.zeros(len(gop))
     for tau, sums in pictures:
-        x, y, own = _weights(gop, tau, (sums.shape[1], sums.shape[0]), coded_size)
-        there = sums[y, x].astype(np.float64)
-        weight = there[:, 3] + GROUND
-        share = np.minimum(own / weight, EFFECT.most_share)
-        apart = there[:, :3] / weight[:, None] - gop.colour
-        total += np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
-    return np.asarray(total * np.exp(gop.log_scale.sum(axis=1)))
+        total += _effects_at(gop, tau, sums, coded_size)
+    return total
+
+
+def _effects_at(gop: Gop, tau: float, sums: Float32Array, coded_size: Size) -> NDArray[np.float64]:
+    """`effects` in one picture."""
+    x, y, own = _weights(gop, tau, (sums.shape[1], sums.shape[0]), coded_size)
+    there = sums[y, x].astype(np.float64)
+    weight = there[:, 3] + GROUND
+    share = np.minimum(own / weight, EFFECT.most_share)
+    apart = there[:, :3] / weight[:, None] - gop.colour
+    change = np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
+    return np.asarray(change * np.exp(gop.log_scale.sum(axis=1)))
 
 
 def losses(gop: Gop, footage: Footage, sensitivities: Gop, backend: Backend) -> NDArray[np.float64]:
@@ -158,21 +163,23 @@ def move_weakest(
     gop = parameters.gop()
     size = frames.shape[2], frames.shape[1]
     shown = some_frames(len(frames), RELOCATION.frames)
-    drawn, backend = parameters.drawn(), parameters.backend
-    pictures = list(sums_at(drawn, taus[shown], size, coded_size, backend))
-    looked_at = np.isin(shown, some_frames(len(frames), EFFECT.frames))
-    found = effects(gop, compress(pictures, looked_at), coded_size)
+    looked_at = some_frames(len(frames), EFFECT.frames)
+    found, weights, errors = np.zeros(len(gop)), [], []
+    pictures = sums_at(parameters.drawn(), taus[shown], size, coded_size, parameters.backend)
+    for index, (tau, sums) in zip(shown, pictures, strict=True):
+        if index in looked_at:
+            found += _effects_at(gop, tau, sums, coded_size)
+        weights.append(sums[..., 3] + GROUND)
+        errors.append(_error(sums, frames[index]))
     weakest = np.argsort(found, kind="stable")[:count]
-    sums = [own for _, own in pictures]
-    errors = [_error(own, frames[i]) for own, i in zip(sums, shown, strict=True)]
     bounds = np.cumsum([error.sum(dtype=np.float64) for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
 
     like = np.empty(count, np.intp)
     position, colour = np.empty((count, 2), np.float32), np.empty((count, 3), np.float32)
     weight, static = np.empty(count, np.float32), np.zeros(count, np.bool_)
-    each = zip(sums, errors, shown, [0, *bounds[:-1]], bounds, strict=True)
-    for own, error, index, begin, end in each:
+    each = zip(weights, errors, shown, [0, *bounds[:-1]], bounds, strict=True)
+    for there, error, index, begin, end in each:
         pixels = _stratified(error.ravel(), end - begin, rng)
         x, y = pixels % size[0], pixels // size[0]
         tau = taus[index]
@@ -180,7 +187,7 @@ def move_weakest(
         near = _nearest(moved, (-(-size[0] // 2), -(-size[1] // 2)))[y // 2, x // 2]
         like[begin:end] = near
         colour[begin:end] = frames[index, y, x] / np.float32(255)
-        weight[begin:end] = own[y, x, 3] + GROUND
+        weight[begin:end] = there[y, x]
         places = (np.stack([x, y], 1) + rng.uniform(0, 1, (end - begin, 2))) / size
         if moving is not None:
             column, row = (places * moving.shape[::-1]).astype(np.intp).T

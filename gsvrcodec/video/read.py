@@ -92,6 +92,18 @@ class VideoReader:
             for frame, number, pts, duration in self._chosen()
         )
 
+    def pictures(self) -> Iterator[Callable[[], Rgb]]:
+        """Yield, of each chosen frame, a function that returns its picture, (H, W, 3).
+
+        Frames whose pictures are not wanted take a fraction of the time. Errors as of `iter()`.
+        """
+        if self._closed:
+            raise ValueError("the video is closed")
+        return (
+            partial(self._picture, frame, f"frame {number}")
+            for frame, number, _, _ in self._chosen()
+        )
+
     def frames(self) -> Iterator[av.VideoFrame]:
         """Yield the chosen frames as they are stored, not cropped; errors as of `iter()`."""
         if self._closed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ReadHere
 from gsvrcodec.errors import InputError
+from gsvrcodec.fit.footage import Frames
 from gsvrcodec.video import open_video
 from tests import making
 from tests.encoder.chains import driven
@@ -36,6 +38,20 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve frames, each of one level that is its number."""
     pictures = [np.full((24, 32, 3), 10 * number, np.uint8) for number in range(12)]
     return making.write_video(tmp_path_factory.mktemp("film") / "a.mkv", pictures)
+
+
+@dataclass(frozen=True)
+class Times:
+    """What an analysis knows of the times of frames."""
+
+    pts: list[int]
+    durations: list[int]
+
+
+def times_of(film: Path) -> Times:
+    with open_video(film) as video:
+        shots = [(shot.pts, shot.duration) for shot in video]
+    return Times(*map(list, zip(*shots, strict=True)))
 
 
 def holding(*gops: range) -> Checkpoint:
@@ -80,7 +96,7 @@ def jobs(
             for chain, results in zip(chains, RESULTS, strict=True)
             if missing_frames(chain, checkpoint)
         ]
-        reader, parts = ReadHere(video, pack=False), sections(chains, chosen)
+        reader, parts = ReadHere(video, times_of(film), pack=False), sections(chains, chosen)
         queue = all_tasks(parts, budgets, chosen, checkpoint, began, reader, workers)
         for task, results in zip(queue, answers, strict=True):
             found += driven(task.jobs(), results)
@@ -113,16 +129,44 @@ class TestAllTasks:
         found = jobs(film, GOPS[2])
         assert [job.first_frame for job in found] == [0, 4, 7, 10]
 
-    def test_frames_are_read_when_a_chain_is_asked_for(self, film: Path) -> None:
+    def test_frames_are_read_when_a_gop_is_asked_for(self, film: Path) -> None:
         with open_video(film) as video, holding() as checkpoint:
             longer = [*CHAINS[:2], [range(10, 15)]]
-            chosen, reader = EncodeSettings(), ReadHere(video, pack=False)
+            chosen, reader = EncodeSettings(), ReadHere(video, times_of(film), pack=False)
             parts = sections(longer, chosen)
             queue = all_tasks(parts, budgets, chosen, checkpoint, 0.0, reader, 1)
-            assert next(next(queue).jobs()).first_frame == 0
-            assert next(next(queue).jobs()).first_frame == 4
+            for first in (0, 4):
+                assert next(next(queue).jobs()).first_frame == first
             with pytest.raises(InputError, match="became shorter while it was read"):
-                next(queue)
+                next(next(queue).jobs())
+
+
+def numbers(pictures: Frames) -> list[int]:
+    """Which frames of the film these are."""
+    return [round(picture.mean() / 10) for picture in pictures]
+
+
+class TestReadHere:
+    @pytest.fixture
+    def reader(self, film: Path) -> Iterator[ReadHere]:
+        with open_video(film) as video:
+            yield ReadHere(video, times_of(film), pack=False)
+
+    def test_chains_are_read_side_by_side(self, reader: ReadHere) -> None:
+        first = reader.read(CHAINS[1], 0)
+        second = reader.read([range(8, 10), range(10, 12)], 0)
+        found = [numbers(one.take(gop)) for gop in (0, 1) for one in (first, second)]
+        assert found == [[4, 5, 6], [8, 9], [7, 8, 9], [10, 11]]
+
+    def test_one_goes_on_where_another_has_ended(self, reader: ReadHere) -> None:
+        gops = [range(2), range(5, 7), range(7, 9)]
+        assert [numbers(reader.read([gop], 0).take(0)) for gop in gops] == list(map(list, gops))
+        assert len(reader._readers) == 1
+
+    def test_of_finished_gops_the_last_is_read(self, reader: ReadHere) -> None:
+        frames = reader.read([range(4), range(4, 7), range(7, 10)], 2)
+        assert [len(one) for one in frames.pictures] == [0, 3, 3]
+        assert numbers(frames.take(1)) == [4, 5, 6]
 
 
 @pytest.mark.parametrize(

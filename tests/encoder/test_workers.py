@@ -156,37 +156,28 @@ def test_a_killed_process_is_a_clear_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "many", "chain_bytes", "gop_bytes", "seconds", "count"),
+    ("wanted", "many", "gop_bytes", "seconds", "count"),
     [
-        (0, 100, 10**6, 10**6, 60, 4),
-        (0, 3, 10**6, 10**6, 60, 3),
-        (0, 100, 10**6, 10**6, 5, 1),
-        (0, 100, 10**6, 10**9, 60, 2),
-        (0, 100, 7 * 10**9, 10**6, 60, 2),
-        (0, 100, 10**13, 10**6, 60, 1),
-        (0, 0, 0, 0, 0, 1),
-        (7, 100, 10**13, 10**13, 5, 7),
-        (7, 2, 10**6, 10**6, 60, 2),
+        (0, 100, 10**6, 60, 4),
+        (0, 3, 10**6, 60, 3),
+        (0, 100, 10**6, 5, 1),
+        (0, 100, 8 * 10**8, 60, 2),
+        (0, 100, 10**13, 60, 1),
+        (0, 0, 0, 0, 1),
+        (7, 100, 10**13, 5, 7),
+        (7, 2, 10**6, 60, 2),
     ],
 )
 def test_processes(
     wanted: int,
     many: int,
-    chain_bytes: int,
     gop_bytes: int,
     seconds: float,
     count: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gsvrcodec.encoder.run.local._available_bytes", lambda: 16 * 10**9)
-    found = processes(
-        wanted,
-        4,
-        chains=many,
-        chain_bytes=chain_bytes,
-        gop_bytes=gop_bytes,
-        seconds=seconds,
-    )
+    found = processes(wanted, 4, chains=many, gop_bytes=gop_bytes, seconds=seconds)
     assert found == (count, 4)
 
 

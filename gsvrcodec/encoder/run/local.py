@@ -29,7 +29,6 @@ from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
 from gsvrcodec.video import VideoInfo
-from gsvrcodec.video.timing import DEFAULT_RATE
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +66,10 @@ class Processes:
 
         known = missing(lookahead.until(enough))
         longest = max((len(gop) for chain in known for gop in chain), default=0)
-        frames = [chain[-1].stop - chain[0].start for chain in known]
-        if not lookahead.complete and settings.predicts:
-            frames.append(round(settings.keyint * (info.average_rate or DEFAULT_RATE)))
         workers, threads = processes(
             wanted,
             execution.threads,
             chains=len(known),
-            chain_bytes=3 * pixels * max(frames, default=0),
             gop_bytes=3 * pixels * longest,
             seconds=seconds(known),
         )
@@ -156,7 +151,7 @@ def _next(
 
 
 def processes(
-    wanted: int, threads: int, *, chains: int, chain_bytes: int, gop_bytes: int, seconds: float
+    wanted: int, threads: int, *, chains: int, gop_bytes: int, seconds: float
 ) -> tuple[int, int]:
     """Return the number of processes, and of the native threads of all of them together.
 
@@ -167,14 +162,13 @@ def processes(
         wanted: processes; 0 = by time and memory.
         threads: native threads; 0 = GSVR_THREADS or all cores.
         chains: chains still to be encoded, the most processes that have work.
-        chain_bytes: bytes of the frames of the largest chain, which wait in this process.
-        gop_bytes: bytes of the frames of the largest GOP, which are fitted.
+        gop_bytes: bytes of the frames of the largest GOP.
         seconds: expected time of a single process for all GOPs.
     """
     threads = resolve_threads(threads)
     if wanted == 0:
         wanted = threads if seconds > PROCESSES.least_seconds else 1
-        each = PROCESSES.process_bytes + chain_bytes + PROCESSES.fit_bytes * gop_bytes
+        each = PROCESSES.process_bytes + PROCESSES.fit_bytes * gop_bytes
         wanted = min(wanted, _available_bytes() // each)
     return max(1, min(wanted, chains)), threads
 
