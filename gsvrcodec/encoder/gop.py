@@ -5,98 +5,35 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import (
-    Budget,
     fittable,
-    halved,
     key_gaussians,
     most_gaussians,
-    triplane_grid,
 )
-from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
-from gsvrcodec.fit.footage import Footage, Picture
+from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
-from gsvrcodec.fit.recipe import FitOptions
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT
-from gsvrcodec.model.gop import Float32Array, Gop, GridSize
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look
 from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.model.time import Ticks, normalised_time
+from gsvrcodec.model.time import normalised_time
 from gsvrcodec.planes import PACKS, Memory
 from gsvrcodec.render import backend_on
 from gsvrcodec.render.device import choose_device
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """The GOP that another is predicted from, as a decoder has it."""
-
-    gop: Gop
-    first_frame: int  #: number of its first frame in the file
-    frames: int
-    qscale: float  #: that it was stored at
-    psnr: float  #: dB, mean of its frames
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GopJob:
-    """All that `encode_gop` needs."""
-
-    frames: NDArray[np.uint8]  #: (F, H, W, 3) RGB
-    pts: Ticks  #: (F,) ticks
-    durations: Ticks  #: (F,) ticks
-    first_frame: int  #: number of the first frame in the file
-    budget: Budget
-    settings: EncodeSettings
-    execution: Execution = field(default_factory=Execution)
-    effort: float = 1.0  #: optimiser steps / steps of the preset
-    seconds: float | None = None  #: wall time to spend; None = by the preset
-    reference: Reference | None = None  #: None = a key GOP
-    before: Picture | None = None  #: (H, W, 3) RGB last frame of the reference, of the source
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height, pixels."""
-        return self.frames.shape[2], self.frames.shape[1]
-
-    @property
-    def steps(self) -> int:
-        """Optimiser steps, without `seconds`."""
-        frames = visited_frames(len(self.frames))
-        return round(self.effort * self.settings.frame_visits * frames)
-
-    @property
-    def grid(self) -> GridSize:
-        """Gx, Gy, Gt of the tri-plane; zeros for none."""
-        if self.budget.grid is not None:
-            return self.budget.grid
-        usual = triplane_grid(self.size, len(self.frames), self.settings)
-        return usual if self.reference is None else halved(usual)
-
-    @property
-    def seed(self) -> tuple[int, ...]:
-        """Seed of every random choice."""
-        return self.settings.seed, self.first_frame
-
-    @property
-    def options(self) -> FitOptions:
-        """How to fit."""
-        return self.settings.fit_options
 
 
 def encode_gop(job: GopJob) -> EncodedGop:

@@ -8,7 +8,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.source import ChainFrames

@@ -11,7 +11,7 @@ import pytest
 
 import gsvrcodec
 from gsvrcodec.encoder.chain import chain_jobs, shared_efforts
-from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop

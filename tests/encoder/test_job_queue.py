@@ -13,7 +13,7 @@ import pytest
 from gsvrcodec.encoder.chain import all_tasks, finished_gops, missing_frames
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
-from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.run.local import Processes

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.gop_head import parse_gop_head
-from gsvrcodec.encoder.gop import GopJob, Reference, encode_gop
+from gsvrcodec.encoder.gop import encode_gop
+from gsvrcodec.encoder.job import GopJob, Reference
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.fit.footage import Frames

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.encoder.chain import starts
-from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.run.local import fit_gops, processes

@@ -16,7 +16,7 @@ import torch
 
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
 from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
-from gsvrcodec.encoder.gop import GopJob
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from gsvrcodec.encoder.chain import ChainTask, encode_chain, one_by_one
-from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.run.local import sendable
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
@@ -58,6 +57,8 @@ def encoded(data: bytes, threads: int) -> list[EncodedGop] | Exception:
         The GOPs of the chain, or the error.
     """
     from distributed import get_worker
+
+    from gsvrcodec.encoder.gop import encode_gop
 
     worker = get_worker()
     key = worker.get_current_task()

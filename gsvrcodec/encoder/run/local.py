@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pickle
 import queue
@@ -21,14 +22,15 @@ from typing import Self
 from gsvrcodec.encoder.chain import ChainJobs, ChainTask, missing_frames, one_by_one
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.gop import GopJob, encode_gop
+from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
-from gsvrcodec.video import VideoInfo
+from gsvrcodec.video import VideoInfo, VideoReader
+from gsvrcodec.video.timing import DEFAULT_RATE
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +53,7 @@ class Processes:
         pixels = info.width * info.height
         pace = settings.expected_pace(pixels)
         execution = settings.execution
-        # One process keeps a GPU busy.
-        wanted = execution.workers or int(execution.device != "cpu")
-        most = max(wanted, resolve_threads(execution.threads))
+        wanted, most = _wanted(execution)
 
         def missing(chains: Sequence[Chain]) -> list[Chain]:
             return [chain for chain in chains if missing_frames(chain, checkpoint)]
@@ -84,6 +84,30 @@ class Processes:
         return fit_gops((task.jobs() for task in tasks), self.workers, self.threads)
 
 
+def load_if_alone(video: VideoReader, settings: EncodeSettings) -> None:
+    """Load PyTorch if this process will fit all GOPs, as far as can be told before the analysis.
+
+    Args:
+        video: the source.
+        settings: of the encode.
+    """
+    info, frames = video.info, video.expected_frames
+    alone = 1 in _wanted(settings.execution)
+    if frames is not None:
+        chain = settings.keyint * (info.average_rate or DEFAULT_RATE) if settings.predicts else 0
+        seconds = frames * settings.expected_pace(info.width * info.height)
+        alone |= frames <= chain or seconds <= PROCESSES.least_seconds
+    if alone:
+        importlib.import_module("gsvrcodec.encoder.gop")
+
+
+def _wanted(execution: Execution) -> tuple[int, int]:
+    """Return how many processes are asked for, 0 = by time and memory, and how many may be."""
+    # One process keeps a GPU busy.
+    wanted = execution.workers or int(execution.device != "cpu")
+    return wanted, max(wanted, resolve_threads(execution.threads))
+
+
 def fit_gops(
     chains: Iterable[ChainJobs], workers: int, threads: int
 ) -> Generator[EncodedGop, None, None]:
@@ -103,6 +127,8 @@ def fit_gops(
         Exception: whatever `encode_gop` raises.
     """
     if workers == 1:
+        from gsvrcodec.encoder.gop import encode_gop
+
         for chain in chains:
             yield from one_by_one(chain, encode_gop, threads)
         return
@@ -272,6 +298,8 @@ def serve() -> None:
 
 def _answer(job: GopJob) -> bytes:
     """Return the pickled result, or the pickled error."""
+    from gsvrcodec.encoder.gop import encode_gop
+
     try:
         return pickle.dumps(encode_gop(job), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
