@@ -182,3 +182,26 @@ def adam_step(
         step: number of the step, from 1.
         threads: see above.
     """
+
+def price_slopes(
+    value: Array,
+    step: Array,
+    carried: Array | None,
+    near: int,
+    change: float,
+    fresh: float,
+    out: Array,
+    threads: int = 0,
+) -> None:
+    """Write slopes of prices; see `gsvrcodec.render.backend.Backend.price_slopes`.
+
+    Args:
+        value: (N, C) float32.
+        step: (C,) float32.
+        carried: (N,) float32; None = 0.
+        near: see there.
+        change: see there.
+        fresh: see there.
+        out: receives the slopes, (N, C) float32.
+        threads: see above.
+    """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,14 @@ class AdamPart:
     #: axes; None = along x and y
     axes: Tensor | None = None
     held: Any = None  #: the same where the backend wants it; None = not yet there
+
+
+class Prices(NamedTuple):
+    """Prices of the values of an attribute."""
+
+    change: float = 0.0  #: of what is carried over from a reference
+    fresh: float = 0.0  #: of what another differs by from the usual
+    near: int = 0  #: neighbours in drawing order whose mean is the usual value; 0 = that is 0
 
 
 class Backend(ABC):
@@ -150,6 +158,25 @@ class Backend(ABC):
             step: number of this step, from 1.
         """
 
+    def price_slopes(
+        self, value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices
+    ) -> Tensor:
+        """Return the slopes of prices of bits, (N, C).
+
+        With S(x) = sign(x) / (|x| + step), which is the derivative of ln(1 + |x| / step), they are
+        change carried S(value) + fresh (1 - carried) S(value - usual).
+
+        Args:
+            value: (N, C), in drawing order.
+            step: (C,) of the quantisers.
+            carried: (N, 1), 1 for what is carried over from the reference; None = 0.
+            prices: by which values are multiplied, and what is usual.
+        """
+        of_reference = 0.0 if carried is None else carried
+        differing = value - _usual(value, prices.near) if prices.near else value
+        slopes = prices.fresh * (1 - of_reference) * _slope(differing, step)
+        return slopes + prices.change * of_reference * _slope(value, step)
+
     def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
         """Return a step that takes less time when it is repeated.
 
@@ -165,3 +192,18 @@ class Backend(ABC):
     def upload(self, samples: NDArray[Any]) -> Samples:
         """Put frames or a picture where they are compared."""
         return samples
+
+
+def _slope(value: Tensor, step: Tensor) -> Tensor:
+    """Derivative of ln(1 + |value| / step)."""
+    return value.sign() / (value.abs() + step)
+
+
+def _usual(value: Tensor, near: int) -> Tensor:
+    """Mean of the neighbours in drawing order, (N, C)."""
+    side, last = near // 2, len(value) - 1
+    total, number = value.clone(), value.new_ones(len(value)).cumsum(0) - 1
+    for shift in range(1, min(side, last) + 1):
+        total[shift:] += value[:-shift]
+        total[:-shift] += value[shift:]
+    return total / (1 + number.clamp(max=side) + (last - number).clamp(max=side))[:, None]

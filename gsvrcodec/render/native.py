@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
-from gsvrcodec.render.backend import AdamPart, Backend, Codes, Samples, Scalar, Size
+from gsvrcodec.render.backend import AdamPart, Backend, Codes, Prices, Samples, Scalar, Size
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -148,6 +148,17 @@ class NativeBackend(Backend):
         held = [part.held for part in parts]
         slopes = [gradient.numpy() for gradient in gradients]
         _core.adam_step(held, slopes, factor, *betas, epsilon, step, self._how[1])
+
+    def price_slopes(
+        self, value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices
+    ) -> Tensor:
+        """Compute the slopes of prices of bits in one call of the core."""
+        slopes = value.new_empty(value.shape)
+        reference = None if carried is None else carried.numpy()
+        change, fresh, near = prices
+        how = near, change, fresh, slopes.numpy(), self._how[1]
+        _core.price_slopes(value.numpy(), step.numpy(), reference, *how)
+        return slopes
 
 
 def parameters(gop: Gop) -> _core.Parameters:

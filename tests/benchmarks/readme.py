@@ -208,6 +208,23 @@ def sizes(results: dict[str, Json]) -> Iterator[str]:
     yield from table(["on 2 cores, from packages that are there", "time", "size"], rows)
 
 
+def resolutions(results: dict[str, Json]) -> Iterator[str]:
+    """Yield time and memory of an encode and of decoding, by the size of the picture."""
+    heads = ("size", "PSNR", "encode, s a frame", "memory", "decode, frames a second", "memory")
+    rows = [
+        [
+            f"{row['width']}x{row['height']}",
+            f"{row['psnr']:.1f} dB",
+            f"{row['seconds']:.2f}",
+            f"{row['megabytes']:.0f} MB",
+            f"{row['decoded']:.0f}",
+            f"{row['decode_megabytes']:.0f} MB",
+        ]
+        for row in results["resolutions"]["rows"]
+    ]
+    yield from table(heads, rows)
+
+
 TABLES: Mapping[str, Callable[[dict[str, Json]], Iterator[str]]] = {
     "times": times,
     "rates": rates,
@@ -215,6 +232,7 @@ TABLES: Mapping[str, Callable[[dict[str, Json]], Iterator[str]]] = {
     "against": against,
     "output": output,
     "sizes": sizes,
+    "resolutions": resolutions,
     "gpu": lambda results: speeds(results["gpu"]),
 }
 

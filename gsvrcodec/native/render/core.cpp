@@ -247,4 +247,60 @@ void adam_step(const AdamPart *parts, const float *const *gradients, int count, 
     });
 }
 
+namespace {
+
+constexpr int kPricedRows = 512;  // of a job
+
+// Means of the neighbours of the rows [begin, end), of which `padded` values are written. `rows`
+// has room for these, and for `near` rows more.
+void usual_values(const Priced &p, std::int64_t begin, std::int64_t end, float *rows, float *usual,
+                  std::int64_t padded) {
+    const std::int64_t side = p.near / 2;
+    const std::int64_t low = std::max<std::int64_t>(begin - side, 0);
+    const std::int64_t high = std::min(end + side, p.n);
+    std::fill_n(rows, padded + 2 * side * p.columns, 0.0f);
+    std::copy(p.value + low * p.columns, p.value + high * p.columns,
+              rows + (low - begin + side) * p.columns);
+    // Quicker than a sum that goes along, which adds one value at a time.
+    kernels().sum_shifted(rows, p.columns, 2 * static_cast<int>(side) + 1, usual, padded);
+    for (std::int64_t row = begin; row < end; ++row) {
+        const std::int64_t near =
+            std::min(row + side + 1, p.n) - std::max<std::int64_t>(row - side, 0);
+        for (int c = 0; c < p.columns; ++c) *usual++ /= static_cast<float>(near);
+    }
+}
+
+}  // namespace
+
+void price_slopes(const Priced &p, float *out, int threads) {
+    const Kernels &k = kernels();
+    const std::int64_t jobs = (p.n + kPricedRows - 1) / kPricedRows;
+    parallel_for(static_cast<int>(jobs), threads, [&](int job, int) {
+        const std::int64_t begin = static_cast<std::int64_t>(job) * kPricedRows;
+        const std::int64_t end = std::min(begin + kPricedRows, p.n);
+        const std::int64_t count = (end - begin) * p.columns;
+        // Whole vectors: each value, the usual one, its step, its price as a change and as fresh.
+        const std::int64_t padded = (count + k.lanes - 1) / k.lanes * k.lanes;
+        const BorrowedWorkspace space;
+        const std::int64_t around = padded + p.near * p.columns;
+        float *value = space->pixels.reserve(5 * padded + around), *usual = value + padded;
+        float *step = usual + padded, *change = step + padded, *fresh = change + padded;
+        std::fill_n(value, 5 * padded, 1.0f);
+        std::copy_n(p.value + begin * p.columns, count, value);
+        std::fill_n(usual, count, 0.0f);
+        if (p.near) usual_values(p, begin, end, fresh + padded, usual, padded);
+        float *s = step, *c = change, *f = fresh;
+        for (std::int64_t row = begin; row < end; ++row) {
+            const float carried = p.carried ? p.carried[row] : 0.0f;
+            for (int column = 0; column < p.columns; ++column) {
+                *s++ = p.step[column];
+                *c++ = p.change * carried;
+                *f++ = p.fresh * (1.0f - carried);
+            }
+        }
+        k.price(value, usual, step, change, fresh, padded);
+        std::copy_n(value, count, out + begin * p.columns);
+    });
+}
+
 }  // namespace gsvr

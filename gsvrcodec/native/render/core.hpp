@@ -83,4 +83,18 @@ struct Adam {
 void adam_step(const AdamPart *parts, const float *const *gradients, int count, const Adam &,
                int threads);
 
+// Values whose bits have a price, (n, columns). `carried` is null, or of each row the share to
+// which it belongs to the reference.
+struct Priced {
+    const float *value, *step, *carried;
+    std::int64_t n;
+    int columns, near;  // neighbours whose mean is the usual value; 0: the usual value is 0
+    float change;       // price of a value of what is carried
+    float fresh;        // price of what the others differ by from the usual
+};
+
+// Writes change carried S(value) + fresh (1 - carried) S(value - usual) to `out`, (n, columns),
+// where S(x) = sign(x) / (|x| + step) is the derivative of ln(1 + |x| / step).
+void price_slopes(const Priced &, float *out, int threads);
+
 }  // namespace gsvr

@@ -29,6 +29,7 @@ namespace {
 #include "pyramid.hpp"
 #include "rows.hpp"
 #include "adam.hpp"
+#include "price.hpp"
 
 }  // namespace
 }  // namespace GSVR_ISA
@@ -39,7 +40,7 @@ const Kernels GSVR_JOIN(kKernels_, GSVR_ISA) = {
     GSVR_ISA::project,    GSVR_ISA::rasterise,  GSVR_ISA::upsample,       GSVR_ISA::downsample,
     GSVR_ISA::to_rgb8,    GSVR_ISA::to_planes8, GSVR_ISA::to_float,       GSVR_ISA::to_sums,
     GSVR_ISA::from_float, GSVR_ISA::residual,   GSVR_ISA::gather_moments, GSVR_ISA::backward,
-    GSVR_ISA::adam,
+    GSVR_ISA::adam,       GSVR_ISA::price,      GSVR_ISA::sum_shifted,
 };
 
 }  // namespace gsvr

@@ -196,6 +196,11 @@ struct Kernels {
     void (*adam)(float *value, const float *gradient, float *mean, float *square, const float *pace,
                  std::int64_t n, const float *rate, int period, float beta1, float beta2,
                  float correction, float epsilon);
+    // Replaces n values, whole vectors, by the slopes of their prices; see `Priced`.
+    void (*price)(float *value, const float *usual, const float *step, const float *change,
+                  const float *fresh, std::int64_t n);
+    // Writes n sums, whole vectors: of values[i], values[i + shift] and so on, so many.
+    void (*sum_shifted)(const float *values, int shift, int times, float *sums, std::int64_t n);
 };
 
 extern const Kernels kKernels_portable;

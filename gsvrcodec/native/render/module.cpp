@@ -259,6 +259,29 @@ void adam_step(const std::vector<const AdamPart *> &parts, const std::vector<Flo
                     {factor, beta1, beta2, epsilon, step}, threads);
 }
 
+using Table = nb::ndarray<float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+
+void price_slopes(Table value, Floats step, std::optional<Floats> carried, int near, float change,
+                  float fresh, Table out, int threads) {
+    const std::size_t n = value.shape(0), columns = value.shape(1);
+    require(out.shape(0) == n && out.shape(1) == columns, "out must have the shape of value");
+    require(columns >= 1 && columns <= 64, "value must have 1 to 64 columns");
+    require(step.size() == columns, "step must have an entry a column");
+    require(!carried || carried->size() == n, "carried must have an entry a row");
+    require(near >= 0, "near must not be negative");
+    const gsvr::Priced priced{value.data(),
+                              step.data(),
+                              carried ? carried->data() : nullptr,
+                              static_cast<std::int64_t>(n),
+                              static_cast<int>(columns),
+                              near,
+                              change,
+                              fresh};
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::price_slopes(priced, out.data(), threads);
+}
+
 // By the names of gsvrcodec/model/reconstruction.py.
 std::map<std::string, double> constants() {
     return {{"MIN_SCALE", gsvr::kMinScale},    {"DILATION", gsvr::kDilation},
@@ -307,4 +330,6 @@ NB_MODULE(_core, m) {
              exact("pace").none() = nb::none(), exact("axes").none() = nb::none());
     m.def("adam_step", &adam_step, "parts"_a, "gradients"_a, "factor"_a, "beta1"_a, "beta2"_a,
           "epsilon"_a, "step"_a, "threads"_a = 0);
+    m.def("price_slopes", &price_slopes, exact("value"), exact("step"), exact("carried").none(),
+          "near"_a, "change"_a, "fresh"_a, exact("out"), "threads"_a = 0);
 }

@@ -1,4 +1,4 @@
-"""Time and memory by the size of the picture: `python -m tests.benchmarks.sizes FILM`.
+"""Time and memory by the size of the picture: `python -m tests.benchmarks.resolutions FILM`.
 
 A film is scaled to several heights, encoded by `gsvrenc` and decoded frame after frame, each by
 processes of their own. With a key frame a second chains are encoded side by side, as in a long
@@ -173,7 +173,7 @@ def main(
             "machine": machine(),
             "commit": commit(),
             "load": os.getloadavg()[0],
-            "command": command("tests.benchmarks.sizes"),
+            "command": command("tests.benchmarks.resolutions"),
             "rows": [asdict(row) for row in rows],
         }
         output.write_text(json.dumps(document, indent=1) + "\n")
