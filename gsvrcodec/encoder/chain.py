@@ -51,13 +51,15 @@ def chain_jobs(
     efforts = shared_efforts(list(map(len, chain.gops)))
     state = _State(settings, sum(budget.bytes for budget in budgets))
     before: Picture | None = None  #: last frame of the GOP before
-    overruns: list[float] = []  # seconds that GOPs took beyond their time, to start and to pack
+    overruns: list[float] = []  # seconds that GOPs took beyond their time: to read, start, pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
             state.add(finished[number], budget)
             if number + 1 == len(finished):
                 before = chain.take(number)[-1].copy()
             continue
+        asked = time.perf_counter()
+        frames = chain.take(number)
         left = None
         if seconds is not None:
             waiting = [
@@ -66,7 +68,6 @@ def chain_jobs(
             ][number:]
             spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
             left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
-        frames = chain.take(number)
         job = GopJob(
             frames=frames,
             pts=chain.pts[number],
@@ -82,7 +83,6 @@ def chain_jobs(
         )
         before = frames[-1].copy()  # without the others
         del frames
-        asked = time.perf_counter()
         result = yield job
         del job
         overruns.append(max(0.0, time.perf_counter() - asked - (left or 0.0)))
