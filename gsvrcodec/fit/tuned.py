@@ -81,7 +81,7 @@ class _Opacity:
 class _Relocation:
     """Weak Gaussians moved to where the error is."""
 
-    frames: int = 5  #: frames whose error is looked at
+    frames: int = 3  #: frames whose error is looked at
     sigma_range: tuple[float, float] = (0.4, 2.0)  #: px, of a Gaussian that has moved
     error_box_px: int = 3  #: box size of the squared error, px
     weight: float = 0.4  #: opacity of a Gaussian that has moved / sum of weights there; at least 1
