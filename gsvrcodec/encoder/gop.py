@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.job import GopJob
-from gsvrcodec.encoder.plan import (
-    fittable,
-    key_gaussians,
-    most_gaussians,
-)
+from gsvrcodec.encoder.plan import fittable, key_gaussians, most_gaussians
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage

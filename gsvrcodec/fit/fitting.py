@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.motion import flow_estimator
-from gsvrcodec.fit.moving import moving, to_be_static
+from gsvrcodec.fit.moving import OverTime, to_be_static
 from gsvrcodec.fit.optimise import Effort, optimise
 from gsvrcodec.fit.parameters import Anchor, Parameters
 from gsvrcodec.fit.precision import equal_slope_steps, sensitivities
@@ -124,7 +124,7 @@ def fit_gop(
     flow = None if options.deform == "triplane" else flow_estimator(options.flow, near=True)
     start = content_aware(footage, gaussians, grid, flow, rng, backend)
     qscale = slope.qscale if slope else PRICE.qscale
-    where = moving(footage.frames, MOVING.key_bits * bit_worth(qscale))
+    where = OverTime(footage.frames).moving(MOVING.key_bits * bit_worth(qscale))
     footage = replace(footage, moving=where)
     parameters = Parameters(start, options.deform, backend, footage.background)
     parameters.make_static(np.arange(len(start)), to_be_static(start, where))

@@ -15,51 +15,50 @@ from gsvrcodec.model.prediction import Look
 _ROWS = 32
 
 
-def moving(frames: Frames, worth: float) -> Moving:
-    """Return where frames differ from each other by more than the bits of motion are worth.
+class OverTime:
+    """Mean and variance of the frames of one shot, by pixel and channel.
 
     Args:
-        frames: (F, H, W, 3) of one shot.
-        worth: squared error, summed over the frames, that motion has to save for each pixel; 8-bit
-            codes, mean of the channels.
+        frames: (F, H, W, 3).
     """
-    _, variance = _mean_and_variance(frames)
-    return _more(variance, worth / len(frames))
 
+    def __init__(self, frames: Frames) -> None:
+        self._count = count = len(frames)
+        self._mean, self._variance = np.empty((2, *frames.shape[1:]), np.float32)
+        for top in range(0, frames.shape[1], _ROWS):
+            rows, own = frames[:, top : top + _ROWS], slice(top, top + _ROWS)
+            total, squares = np.zeros((2, *rows.shape[1:]), np.float32)
+            for part in rows:
+                cv2.accumulate(part, total)
+                cv2.accumulateSquare(part, squares)
+            self._mean[own] = total / count
+            self._variance[own] = (squares - total * total / count) / max(count - 1, 1)
 
-def changed(frames: Frames, before: Picture, worth: float) -> Moving:
-    """Return where the mean of frames differs from the frame before them by more than `worth`.
+    def moving(self, worth: float) -> Moving:
+        """Return where frames differ from each other by more than the bits of motion are worth.
 
-    What the noise of the frames makes of this difference is taken off.
+        Args:
+            worth: squared error, summed over the frames, that motion has to save for each pixel;
+                8-bit codes, mean of the channels.
+        """
+        return self._more(self._variance, worth)
 
-    Args:
-        frames: (F, H, W, 3) of one shot.
-        before: (H, W, 3) the frame before them.
-        worth: squared error as for `moving`.
-    """
-    mean, variance = _mean_and_variance(frames)
-    return _more(np.square(mean - before) - variance * (1 + 1 / len(frames)), worth / len(frames))
+    def changed(self, before: Picture, worth: float) -> Moving:
+        """Return where their mean differs from the frame before them by more than `worth`.
 
+        What the noise of the frames makes of this difference is taken off.
 
-def _mean_and_variance(frames: Frames) -> tuple[Float32Array, Float32Array]:
-    """Mean and variance over time, (H, W, 3) each; 8-bit codes and their squares."""
-    count = len(frames)
-    mean, variance = np.empty((2, *frames.shape[1:]), np.float32)
-    for top in range(0, frames.shape[1], _ROWS):
-        rows, own = frames[:, top : top + _ROWS], slice(top, top + _ROWS)
-        total, squares = np.zeros((2, *rows.shape[1:]), np.float32)
-        for part in rows:
-            cv2.accumulate(part, total)
-            cv2.accumulateSquare(part, squares)
-        mean[own] = total / count
-        variance[own] = (squares - total * total / count) / max(count - 1, 1)
-    return mean, variance
+        Args:
+            before: (H, W, 3) the frame before them.
+            worth: squared error as for `moving`.
+        """
+        noise = self._variance * (1 + 1 / self._count)
+        return self._more(np.square(self._mean - before) - noise, worth)
 
-
-def _more(squares: Float32Array, least: float) -> Moving:
-    """Where squared differences, (H, W, 3), are above `least` in the mean of a box."""
-    near = cv2.blur(squares, 2 * (MOVING.box_px,))
-    return np.asarray(near.mean(axis=2) > least)
+    def _more(self, squares: Float32Array, worth: float) -> Moving:
+        """Where squared differences, (H, W, 3), are more in the mean of a box, over all frames."""
+        near = cv2.blur(squares, 2 * (MOVING.box_px,))
+        return np.asarray(near.mean(axis=2) > worth / self._count)
 
 
 def to_be_static(look: Look | Gop, where: Moving) -> NDArray[np.bool_]:

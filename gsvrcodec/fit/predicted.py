@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
 from gsvrcodec.fit.footage import Footage, Picture, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
-from gsvrcodec.fit.moving import changed, moving, to_be_static
+from gsvrcodec.fit.moving import OverTime, to_be_static
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
@@ -82,9 +82,9 @@ def fit_predicted(
     worth = change_worth(static_gop(*_values(look)), footage, rng, backend)
     bit = bit_worth(reference.qscale)
     least = PREDICTION.kept_bits * bit
-    where = moving(footage.frames, MOVING.predicted_bits * bit)
-    elsewhere = changed(footage.frames, reference.source, MOVING.predicted_bits * bit)
-    still = to_be_static(look, where | elsewhere)
+    over_time, worth_of_motion = OverTime(footage.frames), MOVING.predicted_bits * bit
+    where = over_time.moving(worth_of_motion)
+    still = to_be_static(look, where | over_time.changed(reference.source, worth_of_motion))
     worth[still & (worth < PREDICTION.still_worth * least)] = 0
     stays = worth < _least_worth(worth, least, allowance.gaussians)
     extra = gaussians - len(there)

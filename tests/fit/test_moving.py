@@ -10,7 +10,7 @@ import torch
 
 from gsvrcodec.fit.fitting import Allowance, fit_gop
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.moving import changed, moving, to_be_static
+from gsvrcodec.fit.moving import OverTime, to_be_static
 from gsvrcodec.fit.parameters import MOTION, Parameters
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.recipe import Deform, FitOptions
@@ -48,7 +48,7 @@ def stands_still(gop: Gop) -> np.ndarray:
 class TestMoving:
     @pytest.mark.parametrize("noise", [0.0, 1.0])
     def test_it_is_where_something_passes(self, noise: float) -> None:
-        where = moving(film(noise=noise), WORTH)
+        where = OverTime(film(noise=noise)).moving(WORTH)
         assert where.shape == (96, 160)
         assert where[40:56, 8:44].mean() > 0.9
         assert not where[:, 64:].any()
@@ -56,12 +56,12 @@ class TestMoving:
 
     def test_less_moves_where_motion_has_to_save_more(self) -> None:
         frames = moving_texture(6, (0.2, 0), SIZE)
-        shares = [moving(frames, factor * WORTH).mean() for factor in (0.25, 4, 25)]
+        shares = [OverTime(frames).moving(factor * WORTH).mean() for factor in (0.25, 4, 25)]
         assert shares[0] > 0.9
         assert shares[0] > shares[1] > shares[2]
 
     def test_a_single_frame_stands_still(self) -> None:
-        assert not moving(film(1), 1.0).any()
+        assert not OverTime(film(1)).moving(1.0).any()
 
 
 def test_gaussians_stand_still_where_their_boxes_do() -> None:
@@ -82,13 +82,13 @@ def test_gaussians_stand_still_where_their_boxes_do() -> None:
 class TestChanged:
     def test_noise_alone_is_no_change(self) -> None:
         frames = film(7, 0.0, noise=3.0)
-        assert changed(frames[1:], frames[0], WORTH).mean() < 0.01
+        assert OverTime(frames[1:]).changed(frames[0], WORTH).mean() < 0.01
 
     def test_what_goes_by_between_two_gops_is_seen(self) -> None:
         """Nothing moves within the GOP, but the square was elsewhere in the frame before."""
         frames, before = film(step=0.0, noise=1.0), film(1, step=20.0, first=1)[0]
-        assert not moving(frames, WORTH).any()
-        where = changed(frames, before, WORTH)
+        assert not OverTime(frames).moving(WORTH).any()
+        where = OverTime(frames).changed(before, WORTH)
         assert where[40:56, 6:20].mean() > 0.9
         assert where[40:56, 30:46].mean() > 0.9
         assert not where[:, 64:].any()

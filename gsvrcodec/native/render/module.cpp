@@ -268,7 +268,7 @@ void price_slopes(Table value, Floats step, std::optional<Floats> carried, int n
     require(columns >= 1 && columns <= 64, "value must have 1 to 64 columns");
     require(step.size() == columns, "step must have an entry a column");
     require(!carried || carried->size() == n, "carried must have an entry a row");
-    require(near >= 0, "near must not be negative");
+    require(near >= 0 && near <= 4096, "near must be 0 to 4096");
     const gsvr::Priced priced{value.data(),
                               step.data(),
                               carried ? carried->data() : nullptr,
