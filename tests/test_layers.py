@@ -21,7 +21,7 @@ ALLOWED: dict[str, set[str]] = {
     "files": {"errors"},
     "metrics": {"numpy", "cv2"},
     "native": {"numpy"},
-    "model": {"errors", "numpy"},
+    "model": {"errors", "native", "numpy"},
     "planes": {"errors", "limits", "native", "numpy", "imagecodecs"},
     "bitstream": {"errors", "limits", "native", "model", "planes", "numpy", "fsspec"},
     "play": {"errors", "files", "bitstream"},
@@ -77,6 +77,7 @@ ONLY_IN = {
         *("refinement_bits.py", "timing.py"),
     },
     ("bitstream", "fsspec"): {"source.py"},
+    ("model", "native"): {"gop.py", "prediction.py", "quantise.py"},
     ("bitstream", "native"): {"refinement_bits.py"},
     ("render", "torch"): {
         *("__init__.py", "reference.py", "device.py", "backend.py", "native.py"),

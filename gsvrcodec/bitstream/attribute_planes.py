@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +19,18 @@ from gsvrcodec.bitstream.refinement_bits import (
 )
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
-from gsvrcodec.model.attributes import GopShape, GridKind
-from gsvrcodec.model.gop import Float32Array, clip_to_bounds
+from gsvrcodec.model.attributes import Attribute, GopShape, GridKind
+from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.quantise import (
     Coded,
+    Finer,
     Precision,
     Quantiser,
     bits_of,
-    joined,
     quantised,
     refinements_of,
+    values_of,
+    values_of_coded,
 )
 from gsvrcodec.model.refinement import Refinements
 from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
@@ -83,7 +86,7 @@ def _pack_refinement(coded: Mapping[str, Sequence[Coded]], refinements: Refineme
     """Table and bits of the refinement of new Gaussians (spec section "Refinement")."""
     if not refinements:
         return pack_table(refinements)
-    base = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
+    base = {name: values_of_coded(parts) for name, parts in coded.items()}
     each = [
         (part.parts(bits), bits)
         for name, bits in bits_of(base, refinements).items()
@@ -113,11 +116,9 @@ def unpack_planes(
     limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
     most = max((entry.width * entry.height for entry in entries), default=0)
     limits.check("plane_samples", most, "the number of samples of a plane")
-    coded: dict[str, list[tuple[Quantiser, NDArray[np.uint16]]]] = defaultdict(list)
     stacks = _plane_stacks(shape)
     for entry in entries:
-        attribute, quantiser = entry.attribute, entry.quantiser
-        stack = stacks[attribute.grid]
+        quantiser, stack = entry.quantiser, stacks[entry.attribute.grid]
         data = payload[offset : offset + entry.size]
         offset += entry.size
         size = entry.width, entry.height
@@ -127,24 +128,49 @@ def unpack_planes(
             what = f"plane {entry.name}: {error.message}"
             raise CorruptError(what, section=error.section) from error
         stack.append(codes)
-        if attribute.grid not in ("xy", "xt", "yt"):
-            codes = codes.reshape(-1)[: shape.samples(attribute.grid)]
-        coded[attribute.name].append((quantiser, codes))
-    values = {
-        name: joined([quantiser.dequantise(codes) for quantiser, codes in parts])
-        for name, parts in coded.items()
-    }
+    coded = _coded(entries, stacks, shape)
+    values = {name: own.values() for name, own in coded.items()}
     refinements = parse_table(payload[offset : offset + TABLE_BYTES])
     if refinements and not shape.gaussians:
         raise CorruptError("a refinement without new Gaussians", section="5.6")
     bits = bits_of(values, refinements)
-    each = np.array([own for name, own in bits.items() for _ in coded[name]], np.int64)
-    numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel())
-    rows = iter(numbers.reshape(each.shape))
+    each = np.array([own for name, own in bits.items() for _ in coded[name].codes], np.int64)
+    numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel()).reshape(each.shape)
     for name, own in bits.items():
-        values[name] = joined([q.refined(codes, next(rows), own) for q, codes in coded[name]])
-        clip_to_bounds(name, values[name])
+        components = len(coded[name].codes)
+        values[name] = coded[name].values(Finer(own, numbers[:components]))
+        numbers = numbers[components:]
     return values
+
+
+class _Coded(NamedTuple):
+    """The codes of an attribute."""
+
+    attribute: Attribute
+    codes: NDArray[np.uint16]  #: (components, ...)
+    quantisers: Sequence[Quantiser]  #: of each component
+
+    def values(self, finer: Finer | None = None) -> Float32Array:
+        """Values of the codes."""
+        return values_of(self.codes, self.quantisers, self.attribute, finer)
+
+
+def _coded(
+    entries: Sequence[PlaneEntry], stacks: Mapping[GridKind, PlaneStack], shape: GopShape
+) -> dict[str, _Coded]:
+    """Join the planes of each attribute, and leave out the padding of the last row."""
+    taken = dict.fromkeys(stacks, 0)
+    quantisers = [entry.quantiser for entry in entries]
+    coded = {}
+    for attribute in shape.attributes():
+        kind, count = attribute.grid, attribute.components
+        codes = stacks[kind].prior.planes[taken[kind] : taken[kind] + count]
+        if kind not in ("xy", "xt", "yt"):
+            codes = codes.reshape(count, -1)[:, : shape.samples(kind)]
+        coded[attribute.name] = _Coded(attribute, codes, quantisers[:count])
+        quantisers = quantisers[count:]
+        taken[kind] += count
+    return coded
 
 
 def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.attributes import TRIPLANE_CHANNELS as TRIPLANE_CHANNELS
+from gsvrcodec.native import _core
 
 Float32Array = NDArray[np.float32]
 
@@ -55,7 +55,6 @@ def grid_size(gop: Gop) -> GridSize:
     return gx, gy, gop.xt.shape[0]
 
 
-def clip_to_bounds(name: str, values: Float32Array) -> None:
-    """Clip the values of an attribute to its bounds, in place."""
-    attribute = next(attribute for attribute in ATTRIBUTES if attribute.name == name)
-    np.clip(values, np.float32(attribute.low), np.float32(attribute.high), out=values)
+def parameters_of(gop: Gop) -> _core.Parameters:
+    """The core's view of a GOP, or of its gradients: no copy, shapes checked."""
+    return _core.Parameters(*(getattr(gop, field.name) for field in fields(Gop)))

@@ -6,13 +6,16 @@ last frame of the reference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
-from gsvrcodec.model.reconstruction import MIN_SCALE, MOST_LOG_OPACITY, Blending
+from gsvrcodec.model.attributes import ATTRIBUTES
+from gsvrcodec.model.gop import Float32Array, Gop, parameters_of
+from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.model.static import GAUSSIAN_ATTRIBUTES, resized
+from gsvrcodec.native import _core
 
 #: Bits of a mode. Neither: the Gaussian is kept as it is and stands still.
 MOVED = 1  #: it has an indicator and a motion
@@ -22,16 +25,14 @@ DROPPED = 4
 
 Modes = NDArray[np.uint8]
 
-#: Gaussians at a time, so that their offsets stay in the cache.
-_BLOCK = 2048
-
 _LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
-_MOTION = ("indicator", "linear", "quadratic")
+#: Least and greatest value of each attribute of a look.
+_BOUNDS = np.array([[a.low, a.high] for a in ATTRIBUTES if a.name in _LOOK], np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Carried:
-    """What a predicted GOP stores of the Gaussians of its reference."""
+    """What a predicted GOP stores of the Gaussians of its reference; arrays are C-contiguous."""
 
     mode: Modes  #: (M,) of each Gaussian of the reference
     # Changes of the C Gaussians with the bit CHANGED, in the order of the reference.
@@ -83,38 +84,19 @@ def look_at(gop: Gop, tau: float, blending: Blending = "mean") -> Look:
     Returns:
         New arrays, which share no memory with `gop`.
     """
-    position = gop.position.astype(np.float64)
-    position += tau * gop.linear.astype(np.float64)
-    position += tau * tau * gop.quadratic.astype(np.float64)
-    log_scale, rotation, colour = gop.log_scale.copy(), gop.rotation.copy(), gop.colour.copy()
-    log_opacity = gop.log_opacity.copy()
-    if gop.xy.size:
-        bent = np.flatnonzero(gop.indicator != 1)
-        for first in range(0, len(bent), _BLOCK):
-            some = bent[first : first + _BLOCK]
-            strength = 1 - gop.indicator[some, None].astype(np.float64)
-            # Read by `np.take`: many times as fast as an index.
-            offset = strength * _triplane(gop, np.take(gop.position, some, 0), tau)
-            position[some] = np.take(position, some, 0) + offset[:, :2]
-            scale = np.exp(np.take(log_scale, some, 0).astype(np.float64)) + offset[:, 2:4]
-            log_scale[some] = np.log(np.maximum(scale, MIN_SCALE))
-            rotation[some] = np.take(rotation, some) + offset[:, 4]
-            if blending == "sum":
-                colour[some] = np.take(colour, some, 0) + offset[:, 5:]
-            else:
-                opacity = np.take(log_opacity, some) + offset[:, 5]
-                log_opacity[some] = np.clip(opacity, -MOST_LOG_OPACITY, MOST_LOG_OPACITY)
-    return Look(position.astype(np.float32), log_scale, rotation, colour, log_opacity)
+    look = Look(*(np.empty_like(getattr(gop, name)) for name in _LOOK))
+    _core.look_at(parameters_of(gop), tau, blending == "mean", _arrays(look))
+    return look
 
 
 def last_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its last frame."""
-    return look_at(gop, 1.0 if frames > 1 else 0.0, blending)
+    return look_at(gop, _last_time(frames), blending)
 
 
 def first_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its first frame."""
-    return look_at(gop, -1.0 if frames > 1 else 0.0, blending)
+    return look_at(gop, -_last_time(frames), blending)
 
 
 def start_of_motion(frames: int) -> float:
@@ -145,71 +127,22 @@ def carry_over(
         The Gaussians that are not dropped, in the order of the reference, and the new ones; each
         value within the bounds of its attribute.
     """
-    mode = carried.mode
-    look = last_look(reference, frames[0], blending)
-    changed = np.flatnonzero(mode & CHANGED)
-    moved = np.flatnonzero(mode & MOVED)
-    values: dict[str, Float32Array] = {name: getattr(look, name) for name in _LOOK}
-    for name, value in values.items():
-        value[changed] = np.take(value, changed, 0) + getattr(carried, name)
-        clip_to_bounds(name, value)
-    # The motion begins where the reference ends, plus the change.
-    start = start_of_motion(frames[1])
-    way = start * carried.linear.astype(np.float64) + start**2 * carried.quadratic
-    values["position"][moved] = np.take(values["position"], moved, 0) - way
-    clip_to_bounds("position", values["position"])
-    count = len(mode)
-    values["indicator"] = np.ones(count, np.float32)
-    values["linear"] = np.zeros((count, 2), np.float32)
-    values["quadratic"] = np.zeros((count, 2), np.float32)
-    for name in _MOTION:
-        values[name][moved] = getattr(carried, name)
-    kept = np.flatnonzero(mode != DROPPED)
-    both = {
-        name: np.concatenate([np.take(value, kept, 0), getattr(new, name)])
-        for name, value in values.items()
-    }
-    return replace(new, **both)
+    kept = carried.kept
+    whole = resized(new, kept + len(new))
+    end, start = _last_time(frames[0]), start_of_motion(frames[1])
+    motion = carried.indicator, carried.linear, carried.quadratic
+    how = carried.mode, _arrays(carried), *motion, start, _BOUNDS
+    _core.carry_over(parameters_of(reference), end, blending == "mean", *how, parameters_of(whole))
+    for name in GAUSSIAN_ATTRIBUTES:
+        getattr(whole, name)[kept:] = getattr(new, name)
+    return whole
 
 
-def _triplane(gop: Gop, position: Float32Array, tau: float) -> NDArray[np.float64]:
-    """Look the tri-plane up at positions (N, 2) and one time, (N, 8)."""
-    x, y = position.astype(np.float64).T
-    rows, columns, _ = gop.xy.shape
-    x0, x1, fx = _cell(x, columns)
-    y0, y1, fy = _cell(y, rows)
-    flat = gop.xy.reshape(rows * columns, -1).astype(np.float64)
-    top = _between(flat, y0 * columns + x0, y0 * columns + x1, fx)
-    offset = _between(flat, y1 * columns + x0, y1 * columns + x1, fx)
-    offset *= fy
-    offset += top * (1 - fy)
-    (t0,), (t1,), ((ft,),) = _cell(np.array([tau]), len(gop.xt))
-    along_x = gop.xt[t0].astype(np.float64) * (1 - ft) + gop.xt[t1] * ft
-    along_y = gop.yt[t0].astype(np.float64) * (1 - ft) + gop.yt[t1] * ft
-    offset *= _between(along_x, x0, x1, fx)
-    offset *= _between(along_y, y0, y1, fy)
-    return offset
+def _last_time(frames: int) -> float:
+    """Return the time of the last frame of a GOP of so many frames."""
+    return 1.0 if frames > 1 else 0.0
 
 
-def _between(
-    rows: NDArray[np.float64],
-    low: NDArray[np.intp],
-    high: NDArray[np.intp],
-    fraction: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Interpolate between rows of a table."""
-    value = np.take(rows, low, 0)
-    value *= 1 - fraction
-    upper = np.take(rows, high, 0)
-    upper *= fraction
-    value += upper
-    return value
-
-
-def _cell(
-    at: NDArray[np.float64], size: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the grid points before and behind positions in [-1, 1], and the fraction between."""
-    u = np.clip((at + 1) / 2 * (size - 1), 0, size - 1)
-    low = u.astype(np.intp)
-    return low, np.minimum(low + 1, size - 1), (u - low)[:, None]
+def _arrays(look: Look | Carried) -> _core.Look:
+    """Return the core's view of a look, or of the changes of one: no copy."""
+    return _core.Look(*(getattr(look, name) for name in _LOOK))

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, Attribute
-from gsvrcodec.model.gop import Float32Array, Gop, clip_to_bounds
-from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements, levels
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.refinement import REFINED, Levels, Refinement, Refinements, levels
 from gsvrcodec.model.static import append_gaussians, select_gaussians
+from gsvrcodec.native import _core
 
 _MAX_BITS = 16
 
@@ -131,10 +132,6 @@ class Quantiser:
         codes = np.rint((values.astype(np.float64) - self.offset) / self.step)
         return np.clip(codes, 0, (1 << self.bits) - 1).astype(np.uint16)
 
-    def dequantise(self, codes: NDArray[np.uint16]) -> Float32Array:
-        """Values of codes: computed in binary64 with one rounding, then rounded to binary32."""
-        return (codes * np.float64(self.step) + self.offset).astype(np.float32)
-
     def refine(
         self, values: NDArray[np.floating], codes: NDArray[np.uint16], bits: Levels
     ) -> Levels:
@@ -150,13 +147,6 @@ class Quantiser:
         inside = (values.astype(np.float64) - self.offset) / self.step - codes + 0.5
         parts: Levels = np.floor(np.ldexp(inside, bits)).astype(np.int64)
         return np.clip(parts, 0, (1 << bits) - 1)
-
-    def refined(self, codes: NDArray[np.uint16], parts: Levels, bits: Levels) -> Float32Array:
-        """Values of codes that `bits` bits refine, as `dequantise` does."""
-        halves = (codes.astype(np.int64) << (bits + 1)) + 2 * parts + 1 - (1 << bits)
-        halved = np.ldexp(np.float64(self.step), -1 - np.arange(MOST_BITS + 1))
-        values = halves * halved[bits] + self.offset
-        return values.astype(np.float32)
 
 
 #: Quantiser of `mode`; the greatest mode is 4.
@@ -193,17 +183,57 @@ def quantiser_of(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Finer:
+    """What refines the codes of an attribute of N Gaussians (spec section "Refinement")."""
+
+    bits: Levels  #: (N,) how many bits refine each value
+    numbers: Levels  #: (components, N) what they say: below 2**bits
+
+
+def values_of(
+    codes: NDArray[np.uint16],
+    quantisers: Sequence[Quantiser],
+    attribute: Attribute,
+    finer: Finer | None = None,
+) -> Float32Array:
+    """Values of the codes of an attribute, clipped to its bounds.
+
+    Computed in binary64 with one rounding, then rounded to binary32.
+
+    Args:
+        codes: (components, ...); each component is C-contiguous.
+        quantisers: Of each component.
+        attribute: The attribute.
+        finer: What refines the codes, which are (components, N); None = nothing.
+
+    Returns:
+        (..., components), or (...) if there is one.
+    """
+    components, *shape = codes.shape
+    values = np.empty((codes[0].size, components), np.float32)
+    offsets = np.array([quantiser.offset for quantiser in quantisers])
+    steps = np.array([quantiser.step for quantiser in quantisers])
+    _core.dequantise(
+        codes.reshape(components, -1),
+        offsets,
+        steps,
+        finer.bits if finer else None,
+        finer.numbers if finer else None,
+        attribute.low,
+        attribute.high,
+        values,
+    )
+    return values.reshape(shape if components == 1 else (*shape, components))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Coded:
     """One component of an attribute, as a writer quantises it."""
 
+    attribute: Attribute
     samples: NDArray[np.floating]  #: what is stored; any shape
     quantiser: Quantiser
     codes: NDArray[np.uint16]  #: of the samples
-
-    @property
-    def base(self) -> Float32Array:
-        """Values of the codes."""
-        return self.quantiser.dequantise(self.codes)
 
     def parts(self, bits: Levels) -> Levels:
         """Numbers of so many bits that refine the codes."""
@@ -228,14 +258,18 @@ def quantised(
         for part in range(attribute.components):
             samples = component(values[attribute.name], attribute, part)
             quantiser = quantiser_of(samples, attribute, part, precision)
-            parts.append(Coded(samples, quantiser, quantiser.quantise(samples)))
+            parts.append(Coded(attribute, samples, quantiser, quantiser.quantise(samples)))
         found[attribute.name] = tuple(parts)
     return found
 
 
-def joined(components: Sequence[Float32Array]) -> Float32Array:
-    """An attribute from its components: in a last axis, if there are several."""
-    return components[0] if len(components) == 1 else np.stack(components, axis=-1)
+def values_of_coded(parts: Sequence[Coded], bits: Levels | None = None) -> Float32Array:
+    """Values that a decoder gets for an attribute, of whose codes so many bits refine each."""
+    codes = np.stack([part.codes for part in parts])
+    finer = None
+    if bits is not None:
+        finer = Finer(bits, np.stack([part.parts(bits) for part in parts]))
+    return values_of(codes, [part.quantiser for part in parts], parts[0].attribute, finer)
 
 
 def refinements_of(precision: Precision) -> dict[str, Refinement]:
@@ -294,11 +328,7 @@ def dequantised(gop: Gop, precision: Precision, carried: NDArray[np.bool_] | Non
 def _dequantised(gop: Gop, precision: Precision) -> Gop:
     original = {a.name: getattr(gop, a.name) for a in ATTRIBUTES}
     coded = quantised(original, [a for a in ATTRIBUTES if a.name in precision], precision)
-    values = {name: joined([part.base for part in parts]) for name, parts in coded.items()}
+    values = {name: values_of_coded(parts) for name, parts in coded.items()}
     bits = bits_of(values, refinements_of(precision)) if len(gop) else {}
-    for name, own in bits.items():
-        values[name] = joined(
-            [part.quantiser.refined(part.codes, part.parts(own), own) for part in coded[name]]
-        )
-        clip_to_bounds(name, values[name])
+    values |= {name: values_of_coded(coded[name], own) for name, own in bits.items()}
     return Gop(**original | values)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop
 
-_GAUSSIAN_ATTRIBUTES = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
+#: Names of what each Gaussian has; the rest of a GOP is its tri-plane.
+GAUSSIAN_ATTRIBUTES = tuple(a.name for a in ATTRIBUTES if a.grid == "gaussians")
 
 
 def static_gop(
@@ -50,7 +51,15 @@ def select_gaussians(gop: Gop, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> 
     """Return a GOP with chosen Gaussians, by a mask or by numbers; the tri-plane is shared."""
     numbers = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen
     return replace(
-        gop, **{name: np.take(getattr(gop, name), numbers, 0) for name in _GAUSSIAN_ATTRIBUTES}
+        gop, **{name: np.take(getattr(gop, name), numbers, 0) for name in GAUSSIAN_ATTRIBUTES}
+    )
+
+
+def resized(gop: Gop, count: int) -> Gop:
+    """Return a GOP of `count` Gaussians whose values are not set; the tri-plane is `gop`'s."""
+    every = {name: getattr(gop, name) for name in GAUSSIAN_ATTRIBUTES}
+    return replace(
+        gop, **{name: np.empty((count, *own.shape[1:]), np.float32) for name, own in every.items()}
     )
 
 
@@ -58,6 +67,6 @@ def append_gaussians(gop: Gop, static: Gop) -> Gop:
     """Return `gop` with the Gaussians of a static GOP behind its own; the tri-plane is `gop`'s."""
     both = {
         name: np.concatenate([getattr(gop, name), getattr(static, name)])
-        for name in _GAUSSIAN_ATTRIBUTES
+        for name in GAUSSIAN_ATTRIBUTES
     }
     return replace(gop, **both)

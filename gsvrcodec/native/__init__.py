@@ -1,4 +1,4 @@
-"""The native core: `_core` renders, `_entropy` codes planes."""
+"""The native core: `_core` renders and takes GOPs over, `_entropy` codes planes."""
 
 from pathlib import Path
 

@@ -205,3 +205,91 @@ def price_slopes(
         out: receives the slopes, (N, C) float32.
         threads: see above.
     """
+
+class Look:
+    """The arrays of a `gsvrcodec.model.prediction.Look`, or of changes of one; not copied."""
+
+    def __init__(
+        self,
+        position: Array,
+        log_scale: Array,
+        rotation: Array,
+        colour: Array,
+        log_opacity: Array,
+    ) -> None: ...
+
+def look_at(parameters: Parameters, tau: float, mean: bool, out: Look) -> None:
+    """Write the Gaussians of a GOP as drawn at a time."""
+
+def carry_over(
+    reference: Parameters,
+    tau: float,
+    mean: bool,
+    mode: Array,
+    change: Look,
+    indicator: Array,
+    linear: Array,
+    quadratic: Array,
+    start: float,
+    bounds: Array,
+    out: Parameters,
+) -> None:
+    """Write the Gaussians that a GOP takes over, in the order of its reference, to the first rows.
+
+    Args:
+        reference: M Gaussians.
+        tau: time of its last frame.
+        mean: see above.
+        mode: (M,) uint8; see `gsvrcodec.model.prediction`.
+        change: of those that change.
+        indicator: (V,) float32, of those that move.
+        linear: (V, 2) float32.
+        quadratic: (V, 2) float32.
+        start: time at which they begin to move.
+        bounds: (5, 2) float32, least and greatest value of each attribute of a look.
+        out: receives the Gaussians; may have room for more.
+    """
+
+def drawing_order(position: Array, log_scale: Array, width: int, height: int, out: Array) -> None:
+    """Write a permutation; see `gsvrcodec.render.order.drawing_order`.
+
+    Args:
+        position: (N, 2) float32.
+        log_scale: (N, 2) float32.
+        width: of the frame, pixels.
+        height: of the frame, pixels.
+        out: receives the numbers, (N,) int64.
+    """
+
+def arrange(parameters: Parameters, width: int, height: int, out: Parameters) -> None:
+    """Write Gaussians in another order; see `gsvrcodec.render.order.arranged`.
+
+    Args:
+        parameters: Gaussians.
+        width: of the coded frame, pixels.
+        height: of the coded frame, pixels.
+        out: receives the Gaussians; its tri-plane is left alone.
+    """
+
+def dequantise(
+    codes: Array,
+    offsets: Array,
+    steps: Array,
+    bits: Array | None,
+    numbers: Array | None,
+    least: float,
+    most: float,
+    out: Array,
+) -> None:
+    """Write the values of codes; see `gsvrcodec.model.quantise.values_of`.
+
+    Args:
+        codes: (components, N) uint16.
+        offsets: (components,) float64.
+        steps: (components,) float64.
+        bits: (N,) int64, 0 to 8: bits that refine each value; None = none.
+        numbers: (components, N) int64: what they say.
+        least: bound of the values.
+        most: bound of the values.
+        out: receives the values, (N, components) float32.
+    """

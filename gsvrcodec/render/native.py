@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Float32Array, Gop, parameters_of
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render.backend import AdamPart, Backend, Codes, Prices, Samples, Scalar, Size
@@ -30,7 +30,7 @@ class NativeBackend(Backend):
 
     def prepare(self, gop: Gop) -> _core.Parameters:
         """Return the core's view of a GOP: no copy, shapes checked."""
-        return parameters(gop)
+        return parameters_of(gop)
 
     def render(
         self,
@@ -97,7 +97,7 @@ class NativeBackend(Backend):
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         gradient = Gop(**{name: np.empty_like(getattr(gop, name)) for name in Gop.__slots__})
         mean, threads = self._how
-        core = parameters(gop), tau, weights, *coded_size, mean, parameters(gradient), threads
+        core = parameters_of(gop), tau, weights, *coded_size, mean, parameters_of(gradient), threads
         _core.backward_float(*core, backdrop)
         return gradient
 
@@ -159,11 +159,6 @@ class NativeBackend(Backend):
         how = near, change, fresh, slopes.numpy(), self._how[1]
         _core.price_slopes(value.numpy(), step.numpy(), reference, *how)
         return slopes
-
-
-def parameters(gop: Gop) -> _core.Parameters:
-    """Return the core's view of a GOP: no copy, shapes checked."""
-    return _core.Parameters(*(getattr(gop, name) for name in Gop.__slots__))
 
 
 def resolve_threads(wanted: int) -> int:

@@ -23,11 +23,10 @@ from typing import get_args
 
 import numpy as np
 
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Gop, parameters_of
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.reconstruction import CUTOFF, DILATION, Blending
 from gsvrcodec.native import _core
-from gsvrcodec.render.native import parameters
 from tests.benchmarks.machine import machine
 from tests.benchmarks.native import Baseline
 
@@ -126,9 +125,9 @@ def measure(
 ) -> tuple[list[Row], Ratios]:
     """Rows of both blendings."""
     width, height = size
-    core = parameters(gop)
+    core = parameters_of(gop)
     gradient = Gop(**{name: np.zeros_like(getattr(gop, name)) for name in Gop.__slots__})
-    gradient_core = parameters(gradient)
+    gradient_core = parameters_of(gradient)
     low = np.full(1, 1e-12, np.float32)
     parts = [
         _core.AdamPart(a, np.zeros_like(a), np.zeros_like(a), low)

@@ -28,7 +28,7 @@ from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
 from gsvrcodec.model.gop import Gop, grid_size
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, carry_over
-from gsvrcodec.model.quantise import Quantiser, dequantised
+from gsvrcodec.model.quantise import Quantiser, dequantised, values_of
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.planes import PACKS, Memory
@@ -176,7 +176,8 @@ class TestPredicted:
                 other = values if attribute.components == 1 else values[:, part]
                 if len(one):
                     quantiser = Quantiser.fit(one, bits[name])
-                    expected = quantiser.dequantise(quantiser.quantise(one))
+                    codes = quantiser.quantise(one)[None]
+                    expected = values_of(codes, [quantiser], replace(attribute, components=1))
                     np.testing.assert_array_equal(other, expected)
         reference = make_gop(len(modes), (2, 2, 2), 4, blending)
         lengths = frames, len(PTS)

@@ -231,3 +231,18 @@ class TestCarryOver:
         whole = carry_over(none, (3, 3), make_carried(np.zeros(0, np.uint8)), make_gop(3))
         assert len(whole) == 3
         assert len(carried_gop(make_gop(4), (3, 3), DROPPED)) == 0
+
+    def test_modes_and_arrays_must_agree(self) -> None:
+        gop, mode = (
+            make_gop(6),
+            np.array([0, MOVED, CHANGED, MOVED | CHANGED, DROPPED, 0], np.uint8),
+        )
+        carried = make_carried(mode)
+        for other, message in (
+            (replace(carried, mode=mode[1:]), "mode must have an entry"),
+            (replace(carried, mode=mode & np.uint8(7 - MOVED)), "indicator must have an entry"),
+            (replace(carried, mode=mode & np.uint8(7 - CHANGED)), "arrays of a look"),
+            (replace(carried, linear=carried.linear[1:]), "indicator, linear and quadratic"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                carry_over(gop, (3, 3), other, make_gop(0))

@@ -9,11 +9,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.gop import Float32Array, Gop, parameters_of
 from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import reference
-from gsvrcodec.render.native import parameters
 
 Gradients = dict[str, NDArray[np.floating]]
 
@@ -194,7 +193,7 @@ def native_float(example: Example, taus: Float32Array, threads: int = 1) -> Floa
     width, height = example.size
     out = np.full((len(taus), height, width, 3), np.nan, np.float32)
     _core.render_float(
-        parameters(example.gop), taus, out, *example.coded_size, example.mean, threads
+        parameters_of(example.gop), taus, out, *example.coded_size, example.mean, threads
     )
     return out
 
@@ -209,7 +208,7 @@ def native_sums(example: Example, tau: float = TAU) -> Float32Array:
     width, height = example.size
     out = np.full((1, height, width, 4), np.nan, np.float32)
     taus = np.array([tau], np.float32)
-    _core.render_sums(parameters(example.gop), taus, out, *example.coded_size, example.mean, 1)
+    _core.render_sums(parameters_of(example.gop), taus, out, *example.coded_size, example.mean, 1)
     sums: Float32Array = out[0]
     return sums
 
@@ -229,12 +228,12 @@ def native_gradients(
     """Gradients of sum(frame * weights)."""
     gradient = empty_gradient(example.gop)
     _core.backward_float(
-        parameters(example.gop),
+        parameters_of(example.gop),
         tau,
         weights,
         *example.coded_size,
         example.mean,
-        parameters(gradient),
+        parameters_of(gradient),
         threads,
         None if backdrop is None else _core.Backdrop(backdrop),
     )

@@ -19,7 +19,10 @@ from tests.cmake_build import ROOT, build
 from tests.staged import RUN_PYTEST, stage
 
 #: Tests of the core alone: no interpreted kernels, which are slow, and no processes of their own.
-_TESTS = [f"tests/render/test_{name}.py" for name in ("agreement", "robustness", "adam")]
+_TESTS = [
+    *(f"tests/render/test_{name}.py" for name in ("agreement", "robustness", "adam", "order")),
+    *(f"tests/model/test_{name}.py" for name in ("prediction", "quantise")),
+]
 
 
 def output(*command: str) -> str:

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Gop, parameters_of
 from gsvrcodec.model.reconstruction import GROUND, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.backend import TILE
-from gsvrcodec.render.native import parameters
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
 from tests.render.examples import EXAMPLES, TAU, Example
@@ -84,12 +83,12 @@ def test_squared_error(name: str, blending: Blending, isa: str, backdrop: bool) 
     )
     gradient = examples.empty_gradient(example.gop)
     loss = _core.squared_error(
-        parameters(example.gop),
+        parameters_of(example.gop),
         TAU,
         target,
         *example.coded_size,
         example.mean,
-        parameters(gradient),
+        parameters_of(gradient),
         2,
         None if behind is None else _core.Backdrop(behind),
     )
@@ -110,8 +109,8 @@ def test_weighted_tiles(size: tuple[int, int], seed: int, isa: str) -> None:
     values = {name: torch.from_numpy(getattr(gop, name)) for name in Gop.__slots__}
     error, found = backend.squared_error(values, TAU, target, size, None, weights)
     gradient = examples.empty_gradient(gop)
-    how = size[0], size[1], True, parameters(gradient), 2, None, weights
-    loss = _core.squared_error(parameters(gop), TAU, target, *how)
+    how = size[0], size[1], True, parameters_of(gradient), 2, None, weights
+    loss = _core.squared_error(parameters_of(gop), TAU, target, *how)
     assert loss == pytest.approx(float(error), rel=1e-4)
     expected = {n: g.numpy() for n, g in zip(Gop.__slots__, found, strict=True)}
     examples.assert_gradients_close({n: getattr(gradient, n) for n in expected}, expected)
@@ -120,9 +119,9 @@ def test_weighted_tiles(size: tuple[int, int], seed: int, isa: str) -> None:
 def test_weights_of_other_tiles_fail() -> None:
     gop, target = examples.random_gop(3), np.zeros((65, 257, 3), np.uint8)
     for shape in ((1, 2), (2, 1), (2, 3)):
-        how = 257, 65, True, parameters(examples.empty_gradient(gop)), 1, None
+        how = 257, 65, True, parameters_of(examples.empty_gradient(gop)), 1, None
         with pytest.raises(ValueError, match="each tile"):
-            _core.squared_error(parameters(gop), 0.0, target, *how, np.ones(shape, np.float32))
+            _core.squared_error(parameters_of(gop), 0.0, target, *how, np.ones(shape, np.float32))
 
 
 def test_pixel_errors() -> None:

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Gop, parameters_of
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render import render_frames
-from gsvrcodec.render.native import parameters
 from tests.render import examples
 from tests.render.examples import SIZE, TAU, Example
 
@@ -148,7 +147,7 @@ def test_wrong_shapes_fail() -> None:
 
 
 def test_wrong_sizes_fail() -> None:
-    gop = parameters(examples.random_gop(2))
+    gop = parameters_of(examples.random_gop(2))
     out = np.zeros((1, 0, 4, 3), np.uint8)
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         _core.render_rgb8(gop, TAUS, out, 4, 4, True, 1)
@@ -156,7 +155,7 @@ def test_wrong_sizes_fail() -> None:
         _core.render_rgb8(gop, TAUS, np.zeros((2, 4, 4, 3), np.uint8), 4, 4, True, 1)
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         _core.render_rgb8(gop, TAUS, np.zeros((1, 4, 4, 3), np.uint8), 0, 4, True, 1)
-    other = parameters(examples.random_gop(3))
+    other = parameters_of(examples.random_gop(3))
     with pytest.raises(ValueError, match="gradient"):
         _core.backward_float(gop, 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, True, other, 1)
     with pytest.raises(ValueError, match="backdrop must have the size"):
@@ -169,7 +168,7 @@ def test_wrong_sizes_fail() -> None:
 @pytest.mark.parametrize("other", _core.isas()[:-1])
 def test_a_backdrop_of_other_kernels_fails(other: str) -> None:
     """Those of "portable", the last, have vectors of another width."""
-    gop, used = parameters(examples.random_gop(2)), _core.isa()
+    gop, used = parameters_of(examples.random_gop(2)), _core.isa()
     how = 0.0, np.zeros((4, 4, 3), np.float32), 4, 4, True, gop, 1
     try:
         _core.use_isa("portable")

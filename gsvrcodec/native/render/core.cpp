@@ -67,7 +67,9 @@ void render(const Scene &scene, const float *taus, int frames, int threads, T *o
                     drawn_in[cell].store(index + 1, std::memory_order_release);
             }
         };
-        renderer.render(copies ? &cells : nullptr, copied_from, copy, done);
+        // Frames that are drawn at the same time begin far from each other, and so find more drawn.
+        const int first_band = index % threads * call.levels[0].bands() / threads;
+        renderer.render(first_band, copies ? &cells : nullptr, copied_from, copy, done);
     };
     // With enough frames, each thread renders whole frames; else the threads share each frame.
     if (threads > 1 && frames >= threads) {

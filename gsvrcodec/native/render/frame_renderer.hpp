@@ -109,14 +109,15 @@ class FrameRenderer {
     // Rasterises the static splats of all levels, which are separate, into the workspace.
     StaticPyramid draw_static_pyramid() const;
 
-    // Rasterises the tiles of the frame, in any order. `cells` may be null: then all of the frame
-    // is rasterised. Else copied_from(cell) says for each cell of level 0 whether it is copied: 0 =
-    // no. Calls copy(tile, from) for each run of cells that are copied from the same, and
-    // done(tile, pixels) for the others.
+    // Rasterises the tiles of the frame, from the band `first_band` on. `cells` may be null: then
+    // all of the frame is rasterised. Else copied_from(cell) says for each cell of level 0 whether
+    // it is copied: 0 = no. Calls copy(tile, from) for each run of cells that are copied from the
+    // same, and done(tile, pixels) for the others.
     template <class CopiedFrom, class Copy, class Done>
-    void render(const Cells *cells, CopiedFrom copied_from, Copy copy, Done done) const {
+    void render(int first_band, const Cells *cells, CopiedFrom copied_from, Copy copy,
+                Done done) const {
         render_levels(cells);
-        for_tiles(1, [&](int, Tile tile, const Pixels &pixels) {
+        for_tiles(first_band, 1, [&](int, Tile tile, const Pixels &pixels) {
             const auto draw = [&](Tile run, int from) {
                 if (from) return copy(run, from);
                 rasterise_tile(0, run, pixels);
@@ -140,7 +141,7 @@ class FrameRenderer {
     void backward(bool render_first, const GopArrays &gradient, Looks looks, Fill fill) const {
         reserve_backward();
         if (render_first) render_levels(nullptr);
-        for_tiles(2, [&](int band, Tile tile, const Pixels &pixels) {
+        for_tiles(0, 2, [&](int band, Tile tile, const Pixels &pixels) {
             if (!looks(tile)) return skip_tile(tile, pixels);
             if (render_first) rasterise_tile(0, tile, pixels);
             fill(band, tile, pixels);
@@ -157,13 +158,14 @@ class FrameRenderer {
         return static_cast<std::size_t>(kTileStrips) * kRowFloats * call.levels[0].band_rows;
     }
 
-    // Calls body(band, tile, pixels) for each tile of level 0: bands in any order, the tiles of one
-    // from left to right. `pixels` holds the last `kept` tiles, 1 or 2: `downsample` needs the tile
-    // on the left too.
+    // Calls body(band, tile, pixels) for each tile of level 0: bands from `first` on and around, or
+    // some at the same time; the tiles of one from left to right. `pixels` holds the last `kept`
+    // tiles, 1 or 2: `downsample` needs the tile on the left too.
     template <class Body>
-    void for_tiles(int kept, Body body) const {
+    void for_tiles(int first, int kept, Body body) const {
         const PyramidLevel &frame = call_.levels[0];
-        parallel_for(frame.bands(), threads_, [&](int index, int worker) {
+        parallel_for(frame.bands(), threads_, [&](int job, int worker) {
+            const int index = (first + job) % frame.bands();
             const Tile band = frame.band(index);
             const Pixels pixels{space_.pixels.get() + worker * 2 * tile_floats(call_),
                                 band.rows.begin, frame.band_rows, kept * kTileStrips - 1};

@@ -1,102 +1,16 @@
-// The Python module _core. Arrays are NumPy arrays or torch tensors on the CPU, never copied.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
+// The Python module _core.
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include "../arrays.hpp"
 #include "core.hpp"
 #include "isa.hpp"
 #include "pool.hpp"
 #include "reconstruction.hpp"
 
-namespace nb = nanobind;
-using namespace nb::literals;
-
 namespace {
-
-using Floats = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
-
-void require(bool condition, const char *message) {
-    if (!condition) throw nb::value_error(message);
-}
-
-bool has_shape(const Floats &array, std::initializer_list<std::size_t> shape) {
-    if (array.ndim() != shape.size()) return false;
-    std::size_t axis = 0;
-    for (std::size_t n : shape)
-        if (array.shape(axis++) != n) return false;
-    return true;
-}
-
-// Checks the eleven arrays of a GOP, or of its gradients, and keeps them alive.
-struct Parameters {
-    Floats position, log_scale, rotation, colour, log_opacity, indicator, linear, quadratic;
-    Floats xy, xt, yt;
-    gsvr::GopArrays arrays{};
-
-    Parameters(Floats position_, Floats log_scale_, Floats rotation_, Floats colour_,
-               Floats log_opacity_, Floats indicator_, Floats linear_, Floats quadratic_,
-               Floats xy_, Floats xt_, Floats yt_)
-        : position(position_),
-          log_scale(log_scale_),
-          rotation(rotation_),
-          colour(colour_),
-          log_opacity(log_opacity_),
-          indicator(indicator_),
-          linear(linear_),
-          quadratic(quadratic_),
-          xy(xy_),
-          xt(xt_),
-          yt(yt_) {
-        require(position.ndim() == 2, "position must have shape (N, 2)");
-        const std::size_t n = position.shape(0);
-        require(n < (1u << 28), "too many Gaussians");
-        require(has_shape(position, {n, 2}), "position must have shape (N, 2)");
-        require(has_shape(log_scale, {n, 2}), "log_scale must have shape (N, 2)");
-        require(has_shape(rotation, {n}), "rotation must have shape (N,)");
-        require(has_shape(colour, {n, 3}), "colour must have shape (N, 3)");
-        require(has_shape(log_opacity, {n}), "log_opacity must have shape (N,)");
-        require(has_shape(indicator, {n}), "indicator must have shape (N,)");
-        require(has_shape(linear, {n, 2}), "linear must have shape (N, 2)");
-        require(has_shape(quadratic, {n, 2}), "quadratic must have shape (N, 2)");
-        require(xy.ndim() == 3 && xt.ndim() == 3 && yt.ndim() == 3, "grids must have three axes");
-        const std::size_t gy = xy.shape(0), gx = xy.shape(1), gt = xt.shape(0);
-        const bool empty = gx == 0 && gy == 0 && gt == 0;
-        require(empty || (gx > 0 && gy > 0 && gt > 0), "grids must be all empty or none");
-        require(gx <= 8192 && gy <= 8192 && gt <= 65536, "a grid is too large");
-        require(has_shape(xy, {gy, gx, gsvr::kChannels}), "xy must have shape (Gy, Gx, 8)");
-        require(has_shape(xt, {gt, gx, gsvr::kChannels}), "xt must have shape (Gt, Gx, 8)");
-        require(has_shape(yt, {gt, gy, gsvr::kChannels}), "yt must have shape (Gt, Gy, 8)");
-        arrays = {position.data(),
-                  log_scale.data(),
-                  rotation.data(),
-                  colour.data(),
-                  log_opacity.data(),
-                  indicator.data(),
-                  linear.data(),
-                  quadratic.data(),
-                  xy.data(),
-                  xt.data(),
-                  yt.data(),
-                  static_cast<int>(n),
-                  static_cast<int>(gx),
-                  static_cast<int>(gy),
-                  static_cast<int>(gt)};
-    }
-
-    bool same_shape(const Parameters &other) const {
-        return arrays.n == other.arrays.n && arrays.gx == other.arrays.gx &&
-               arrays.gy == other.arrays.gy && arrays.gt == other.arrays.gt;
-    }
-};
-
-gsvr::Size checked(std::int64_t width, std::int64_t height) {
-    require(width > 0 && height > 0 && width <= 65536 && height <= 65536,
-            "width and height must be in 1..65536");
-    return {static_cast<int>(width), static_cast<int>(height)};
-}
 
 template <class T>
 using Image = nb::ndarray<T, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
@@ -294,9 +208,7 @@ std::map<std::string, double> constants() {
 }  // namespace
 
 NB_MODULE(_core, m) {
-    // For arrays that are written or kept: nanobind must not pass a converted copy.
-    const auto exact = [](const char *name) { return nb::arg(name).noconvert(); };
-    m.doc() = "Native kernels: deformation, rasterisation and their gradients (spec/gsvr.md).";
+    m.doc() = "Native kernels: values of a GOP, rasterisation and its gradients (spec/gsvr.md).";
     m.def("isa", [] { return std::string(gsvr::kernels().isa); });
     m.def("isas", &gsvr::usable_isas);
     m.def("use_isa", &gsvr::use_isa, "name"_a);
@@ -332,4 +244,5 @@ NB_MODULE(_core, m) {
           "epsilon"_a, "step"_a, "threads"_a = 0);
     m.def("price_slopes", &price_slopes, exact("value"), exact("step"), exact("carried").none(),
           "near"_a, "change"_a, "fresh"_a, exact("out"), "threads"_a = 0);
+    bind_model(m);
 }
