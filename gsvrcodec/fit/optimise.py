@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import count
 from statistics import fmean
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tiles import Tiles
-from gsvrcodec.fit.tuned import PREDICTION, PRICE, RELOCATION
+from gsvrcodec.fit.tuned import EFFORT, PREDICTION, PRICE, RELOCATION
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render.backend import Samples, Scalar
@@ -64,10 +65,17 @@ class Effort:
         return self.steps / self.spent
 
 
-def visits(frames: int, rng: np.random.Generator) -> Iterator[int]:
-    """Yield numbers of frames without end, each of them once in every round."""
-    while True:
+def visits(frames: int, rng: np.random.Generator, *, ends: bool = True) -> Iterator[int]:
+    """Yield numbers of frames without end, each of them once in every round.
+
+    In a long GOP the first and the last frame come once more every `EFFORT.ends_every` rounds, if
+    `ends` is set: they have neighbours on one side alone, and so would be the worst.
+    """
+    several = ends and frames >= EFFORT.long_gop
+    for number in count(1):
         yield from rng.permutation(frames).tolist()
+        if several and number % EFFORT.ends_every == 0:
+            yield from rng.permutation([0, frames - 1]).tolist()
 
 
 def optimise(
@@ -171,7 +179,7 @@ class _Descent:
         self._targets, self._behind = targets_of(parameters, self._shown, footage.size)
         reorder(parameters, footage.size)
         self._adam = Adam(parameters.raw, recipe, footage.size, parameters.backend)
-        self._order = visits(len(footage.frames), rng)
+        self._order = visits(len(footage.frames), rng, ends=recipe.ends)
         self._settled = 0  # so many steps have to be taken before another relocation
         self._paced, self._priced = Every(PACED_STEPS), Every(PRICE.steps)
         self._recorded: dict[_Kind, Callable[..., None]] = {}

@@ -35,6 +35,7 @@ PAPER = Recipe(
     warm_up=1,
     coarse=0.0,
     relocations=(),
+    ends=False,
 )
 
 

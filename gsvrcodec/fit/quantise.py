@@ -80,7 +80,7 @@ def quantise_in_stages(
     if anchor is not None:
         parameters.freeze(anchor.carried & unchanged(gop))
     targets, behind = targets_of(parameters, footage.frames, size)
-    order = visits(len(footage.frames), rng)
+    order = visits(len(footage.frames), rng, ends=recipe.ends)
     each = max(1, steps // len(_STAGES)), None if seconds is None else seconds / len(_STAGES)
 
     def take(

@@ -42,6 +42,7 @@ class Recipe:
     settling: int = 0  #: fewest steps between two relocations; one that comes sooner is left out
     prunings: tuple[float, ...] = ()  #: fractions of the effort at which dear Gaussians leave
     counted: float = 0.25  #: fraction of the effort before which the number of Gaussians stays
+    ends: bool = True  #: whether the ends of a long GOP are shown more often
 
 
 def _falling(spent: float) -> float:

@@ -25,6 +25,8 @@ class _Effort:
     )
     least_frames: int = 12  #: a GOP of fewer frames takes as many steps as one of so many
     least_steps: int = 100  #: of a fit
+    long_gop: int = 12  #: frames from which on the ends of a GOP are shown more often
+    ends_every: int = 2  #: rounds of all frames after which its ends are shown once more
     least_tuning_steps: int = 30  #: of all stages of the quantisation together
     packing_seconds: float = 70e-6  #: wall time that packing takes, seconds for each Gaussian
     packing_share: float = 0.4  #: most of that / wall time of the GOP

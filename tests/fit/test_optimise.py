@@ -17,6 +17,7 @@ from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.fit.target import Slope
+from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, sample, times
@@ -90,6 +91,22 @@ def test_every_frame_has_its_turn_in_every_round() -> None:
     rounds = [[next(order) for _ in range(5)] for _ in range(4)]
     assert all(sorted(numbers) == [0, 1, 2, 3, 4] for numbers in rounds)
     assert len(set(map(tuple, rounds))) > 1
+
+
+def test_the_ends_of_a_long_gop_come_more_often() -> None:
+    frames = EFFORT.long_gop
+
+    def shown(count: int, ends: bool) -> list[int]:
+        order = visits(count, np.random.default_rng(0), ends=ends)
+        steps = EFFORT.ends_every * count + 2
+        numbers = [next(order) for _ in range(steps)]
+        return [numbers.count(frame) for frame in range(count)]
+
+    usual, more = EFFORT.ends_every, EFFORT.ends_every + 1
+    assert shown(frames, ends=True) == [more, *[usual] * (frames - 2), more]
+    for counts in (shown(frames, ends=False), shown(frames - 1, ends=True)):
+        assert set(counts) == {usual, more}
+        assert sum(counts) == len(counts) * usual + 2
 
 
 def first_rate(name: str) -> float:
