@@ -80,7 +80,7 @@ def _timing(data: bytes) -> None:
 def _refinement(data: bytes) -> None:
     """The table, then numbers of 0 to 8 bits for 20 Gaussians."""
     parse_table(data[:TABLE_BYTES])
-    unpack_numbers(data[TABLE_BYTES:], np.arange(20) % 9)
+    unpack_numbers(data[TABLE_BYTES:], np.arange(20, dtype=np.int8) % 9)
 
 
 def _plane(codec: Codec, data: bytes) -> None:

@@ -134,7 +134,7 @@ def unpack_planes(
     if refinements and not shape.gaussians:
         raise CorruptError("a refinement without new Gaussians", section="5.6")
     bits = bits_of(values, refinements)
-    each = np.array([own for name, own in bits.items() for _ in coded[name].codes], np.int64)
+    each = np.array([own for name, own in bits.items() for _ in coded[name].codes], np.int8)
     numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel()).reshape(each.shape)
     for name, own in bits.items():
         components = len(coded[name].codes)

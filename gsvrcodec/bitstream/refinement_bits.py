@@ -7,7 +7,7 @@ import struct
 import numpy as np
 
 from gsvrcodec.errors import CorruptError, spec_section
-from gsvrcodec.model.refinement import MOST_BITS, REFINED, Levels, Refinement, Refinements
+from gsvrcodec.model.refinement import MOST_BITS, REFINED, Bits, Numbers, Refinement, Refinements
 from gsvrcodec.native import _entropy
 
 _TABLE = struct.Struct("<" + "bB" * len(REFINED))
@@ -39,7 +39,7 @@ def parse_table(data: bytes) -> dict[str, Refinement]:
     return found
 
 
-def pack_numbers(numbers: Levels, bits: Levels) -> bytes:
+def pack_numbers(numbers: Numbers, bits: Bits) -> bytes:
     """Numbers of so many bits each, the highest bit first, filled up with zeros to whole bytes."""
     shift = np.arange(MOST_BITS - 1, -1, -1)
     single = (numbers[:, None] >> shift & 1).astype(np.uint8)
@@ -47,17 +47,17 @@ def pack_numbers(numbers: Levels, bits: Levels) -> bytes:
 
 
 @spec_section("5.6")
-def unpack_numbers(data: bytes, bits: Levels) -> Levels:
+def unpack_numbers(data: bytes, bits: Bits) -> Numbers:
     """The inverse of `pack_numbers`.
 
     Raises:
         CorruptError: Another number of bytes, or ones behind the last bit.
     """
-    count = int(bits.sum())
+    count = int(bits.sum(dtype=np.int64))
     if len(data) != -(-count // 8):
         raise CorruptError(f"refinement of {len(data)} bytes for {count} bits")
     if count % 8 and data[-1] & 0xFF >> count % 8:
         raise CorruptError("ones behind the last bit of the refinement")
-    numbers = np.empty_like(bits)
+    numbers = np.empty(bits.shape, np.uint8)
     _entropy.unpack_numbers(data, bits, numbers)
     return numbers

@@ -16,7 +16,7 @@ from gsvrcodec.fit.tuned import PREDICTION, RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Float32Array, Gop
 from gsvrcodec.model.quantise import Precision, Refined, Steps
-from gsvrcodec.model.refinement import REFINED, Refinement, levels
+from gsvrcodec.model.refinement import REFINED, Levels, Refinement, levels
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
 
@@ -228,9 +228,7 @@ def steps_of_predicted(
     return precision
 
 
-def _best_refinement(
-    costs: NDArray[np.float64], own_levels: NDArray[np.int64]
-) -> tuple[Refinement, float]:
+def _best_refinement(costs: NDArray[np.float64], own_levels: Levels) -> tuple[Refinement, float]:
     """The refinement that saves most bits at equal cost, and how much coarser its steps are.
 
     Steps grow by at most `STEPS.coarsest`.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, Attribute
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.refinement import REFINED, Levels, Refinement, Refinements, levels
+from gsvrcodec.model.refinement import REFINED, Bits, Numbers, Refinement, Refinements, levels
 from gsvrcodec.model.static import append_gaussians, select_gaussians
 from gsvrcodec.native import _core
 
@@ -133,8 +133,8 @@ class Quantiser:
         return np.clip(codes, 0, (1 << self.bits) - 1).astype(np.uint16)
 
     def refine(
-        self, values: NDArray[np.floating], codes: NDArray[np.uint16], bits: Levels
-    ) -> Levels:
+        self, values: NDArray[np.floating], codes: NDArray[np.uint16], bits: Bits
+    ) -> Numbers:
         """Where in the cells of their codes values lie: numbers below 2**bits.
 
         Args:
@@ -143,10 +143,10 @@ class Quantiser:
             bits: How many bits refine each value.
         """
         if not self.step:
-            return np.zeros(values.shape, np.int64)
+            return np.zeros(values.shape, np.uint8)
         inside = (values.astype(np.float64) - self.offset) / self.step - codes + 0.5
-        parts: Levels = np.floor(np.ldexp(inside, bits)).astype(np.int64)
-        return np.clip(parts, 0, (1 << bits) - 1)
+        parts = np.floor(np.ldexp(inside, bits))
+        return np.clip(parts, 0, np.ldexp(1.0, bits) - 1).astype(np.uint8)
 
 
 #: Quantiser of `mode`; the greatest mode is 4.
@@ -186,8 +186,8 @@ def quantiser_of(
 class Finer:
     """What refines the codes of an attribute of N Gaussians (spec section "Refinement")."""
 
-    bits: Levels  #: (N,) how many bits refine each value
-    numbers: Levels  #: (components, N) what they say: below 2**bits
+    bits: Bits  #: (N,) how many bits refine each value
+    numbers: Numbers  #: (components, N) what they say: below 2**bits
 
 
 def values_of(
@@ -235,7 +235,7 @@ class Coded:
     quantiser: Quantiser
     codes: NDArray[np.uint16]  #: of the samples
 
-    def parts(self, bits: Levels) -> Levels:
+    def parts(self, bits: Bits) -> Numbers:
         """Numbers of so many bits that refine the codes."""
         return self.quantiser.refine(self.samples, self.codes, bits)
 
@@ -263,7 +263,7 @@ def quantised(
     return found
 
 
-def values_of_coded(parts: Sequence[Coded], bits: Levels | None = None) -> Float32Array:
+def values_of_coded(parts: Sequence[Coded], bits: Bits | None = None) -> Float32Array:
     """Values that a decoder gets for an attribute, of whose codes so many bits refine each."""
     codes = np.stack([part.codes for part in parts])
     finer = None
@@ -278,7 +278,7 @@ def refinements_of(precision: Precision) -> dict[str, Refinement]:
     return {name: own.refinement for name, own in wanted.items() if isinstance(own, Refined)}
 
 
-def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dict[str, Levels]:
+def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dict[str, Bits]:
     """How many bits refine each Gaussian, (N,), for each attribute that is refined.
 
     Args:
@@ -292,9 +292,12 @@ def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dic
     log_opacity = values.get("log_opacity", np.zeros(len(log_scale), np.float32))
     found = levels(log_scale, log_opacity)
     bits = {name: own.bits(found[name]) for name, own in refinements.items()}
-    still = (values["indicator"] == 1) & ~values["linear"].any(1) & ~values["quadratic"].any(1)
-    for name in bits.keys() & {"linear", "quadratic"}:
-        bits[name][still] = 0
+    if motion := bits.keys() & {"linear", "quadratic"}:
+        moves = values["indicator"] != 1
+        for way in (*values["linear"].T, *values["quadratic"].T):
+            moves |= way != 0
+        for name in motion:
+            bits[name] *= moves
     return bits
 
 

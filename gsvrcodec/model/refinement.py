@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array
 
-Levels = NDArray[np.int64]
+Levels = NDArray[np.int16]
+Bits = NDArray[np.int8]  #: how many bits refine values
+Numbers = NDArray[np.uint8]  #: what these bits say
 
 #: Attributes that can be refined, in the order of the refinement.
 REFINED = ("position", "log_scale", "rotation", "colour", "linear", "quadratic")
@@ -34,9 +36,9 @@ class Refinement:
     least: int = 0  #: level up to which a Gaussian has no more bits
     most: int = 0  #: most bits of a value; 0 = the attribute is not refined
 
-    def bits(self, levels: Levels) -> Levels:
+    def bits(self, levels: Levels) -> Bits:
         """Return how many bits refine each value."""
-        return np.clip(levels - self.least, 0, self.most)
+        return np.asarray(np.clip(levels - np.int16(self.least), 0, self.most), np.int8)
 
 
 #: Refinement of each attribute; attributes that it lacks are not refined.
@@ -56,12 +58,13 @@ def levels(log_scale: Float32Array, log_opacity: Float32Array) -> dict[str, Leve
     area = _octaves(first + second)
     shape = _octaves(np.abs(first - second))
     opacity = _octaves(log_opacity.astype(np.float64))
-    place = (3 * shape + 2 * opacity - area) // 8
+    # Shifts divide by 8 and round down.
+    place = (3 * shape + 2 * opacity - area) >> 3
     return {
         "position": place,
-        "log_scale": (2 * area + 3 * opacity) // 8,
-        "rotation": (2 * area + 8 * shape + 3 * opacity) // 8,
-        "colour": 3 * (area + opacity) // 8,
+        "log_scale": (2 * area + 3 * opacity) >> 3,
+        "rotation": (2 * area + 8 * shape + 3 * opacity) >> 3,
+        "colour": 3 * (area + opacity) >> 3,
         "linear": place,
         "quadratic": place,
     }
@@ -69,4 +72,4 @@ def levels(log_scale: Float32Array, log_opacity: Float32Array) -> dict[str, Leve
 
 def _octaves(values: NDArray[np.float64]) -> Levels:
     """Whole octaves of natural logarithms, rounded down."""
-    return np.floor(values * _OCTAVES).astype(np.int64)
+    return np.floor(values * _OCTAVES).astype(np.int16)

@@ -287,8 +287,8 @@ def dequantise(
         codes: (components, N) uint16.
         offsets: (components,) float64.
         steps: (components,) float64.
-        bits: (N,) int64, 0 to 8: bits that refine each value; None = none.
-        numbers: (components, N) int64: what they say.
+        bits: (N,) int8, 0 to 8: bits that refine each value; None = none.
+        numbers: (components, N) uint8: what they say.
         least: bound of the values.
         most: bound of the values.
         out: receives the values, (N, components) float32.

@@ -69,5 +69,5 @@ def encode_ranges(samples: NDArray[np.uint16]) -> bytes:
 def decode_ranges(data: bytes, bits: int, out: NDArray[np.uint16]) -> None:
     """Decode a plane of codec 5 to `out`; raise `Corrupt` if `data` is not valid."""
 
-def unpack_numbers(data: bytes, bits: NDArray[np.int64], out: NDArray[np.int64]) -> None:
+def unpack_numbers(data: bytes, bits: NDArray[np.int8], out: NDArray[np.uint8]) -> None:
     """Read numbers of so many bits each, 0 to 8, the highest bit first, to `out`; shapes (N,)."""

@@ -59,18 +59,20 @@ class TestTable:
 class TestNumbers:
     @given(bits=st.lists(st.integers(0, 8), max_size=50), seed=st.integers(0, 2**32))
     def test_come_back(self, bits: list[int], seed: int) -> None:
-        each = np.array(bits, np.int64)
-        numbers = np.random.default_rng(seed).integers(0, 1 << each)
+        each = np.array(bits, np.int8)
+        numbers = np.random.default_rng(seed).integers(0, 2 ** each.astype(int)).astype(np.uint8)
         data = pack_numbers(numbers, each)
         assert len(data) == -(-each.sum() // 8)
         np.testing.assert_array_equal(unpack_numbers(data, each), numbers)
 
     def test_the_highest_bit_comes_first(self) -> None:
-        data = pack_numbers(np.array([0b110, 0, 0b01, 0b1010_0101]), np.array([3, 0, 2, 8]))
+        data = pack_numbers(
+            np.array([0b110, 0, 0b01, 0b1010_0101], np.uint8), np.array([3, 0, 2, 8], np.int8)
+        )
         assert data == bytes([0b11001_101, 0b00101_000])
 
     def test_bytes_fit_the_bits(self) -> None:
-        bits = np.array([3])
+        bits = np.array([3], np.int8)
         assert unpack_numbers(b"\xa0", bits).tolist() == [0b101]
         assert unpack_numbers(b"", bits[:0]).size == 0
         for data in (b"\xa0\0", b"", b"\xb0", b"\xa1"):

@@ -104,12 +104,13 @@ class TestProcesses:
         assert target.read_bytes() == whole
 
     def test_another_file_than_was_analysed_ends_it(self, pool: Executor, tmp_path: Path) -> None:
-        source = tmp_path / "in.mp4"
+        source, other = tmp_path / "in.mp4", tmp_path / "other.mp4"
         shutil.copy(making.NOISE, source)
+        shutil.copy(making.BUNNY_SMALL, other)
 
         def change(state: Progress) -> None:
-            if state.phase == "fitting" and not state.gop:
-                source.write_bytes(making.BUNNY_SMALL.read_bytes())
+            if state.phase == "fitting" and not state.gop and other.exists():
+                other.replace(source)  # at once: no worker may see a part of it
 
         # Two chains begin at the same time; either may be the first to see it.
         with pytest.raises(InputError, match=r"in\.mp4 has other pictures at 0\.(00|48) s"):

@@ -137,8 +137,8 @@ class TestValues:
     def test_finer_values_lie_in_the_middle_of_their_part_of_a_step(self) -> None:
         r = np.random.default_rng(0)
         codes = r.integers(0, 512, (3, 200)).astype(np.uint16)
-        bits = np.arange(200) % 9
-        numbers = r.integers(0, 256, (3, 200)) >> 8 - bits
+        bits = np.arange(200, dtype=np.int8) % 9
+        numbers = (r.integers(0, 256, (3, 200)) >> 8 - bits).astype(np.uint8)
         found = values_of(codes, self.QUANTISERS, UNBOUNDED, Finer(bits, numbers))
         steps, offsets = (
             [getattr(q, name) for q in self.QUANTISERS] for name in ("step", "offset")

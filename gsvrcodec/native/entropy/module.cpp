@@ -111,9 +111,9 @@ void decode_ranges(nb::bytes data, int bits, OutSamples out) {
                         data_of(data), data.size(), out.data());
 }
 
-using Numbers = Array<std::int64_t, 1>;
+using Numbers = Array<std::uint8_t, 1>;
 
-void unpack_numbers(nb::bytes data, Array<const std::int64_t, 1> bits, Numbers out) {
+void unpack_numbers(nb::bytes data, Array<const std::int8_t, 1> bits, Numbers out) {
     require(out.size() == bits.size(), "as many numbers as counts of bits");
     std::size_t sum = 0;
     for (std::size_t i = 0; i < bits.size(); ++i) {
@@ -121,7 +121,7 @@ void unpack_numbers(nb::bytes data, Array<const std::int64_t, 1> bits, Numbers o
         sum += static_cast<std::size_t>(bits.data()[i]);
     }
     require(sum <= 8 * data.size(), "fewer bits than the numbers have");
-    gsvr::unpack_numbers(data_of(data), bits.data(), bits.size(), out.data());
+    gsvr::unpack_numbers(data_of(data), data.size(), bits.data(), bits.size(), out.data());
 }
 
 }  // namespace

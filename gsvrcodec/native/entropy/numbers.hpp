@@ -6,18 +6,20 @@
 
 namespace gsvr {
 
-// Reads `count` numbers; number i has bits[i] bits, 0 to 8. `data` has all bits.
-inline void unpack_numbers(const std::uint8_t *data, const std::int64_t *bits, std::size_t count,
-                           std::int64_t *numbers) {
-    unsigned window = 0, held = 0;  // the last `held` bits of the window are not yet read
+// Reads `count` numbers from `size` bytes; number i has bits[i] bits, 0 to 8. The bytes have all
+// bits.
+inline void unpack_numbers(const std::uint8_t *data, std::size_t size, const std::int8_t *bits,
+                           std::size_t count, std::uint8_t *numbers) {
+    std::size_t first = 0;  // bit of the number
     for (std::size_t i = 0; i < count; ++i) {
         const auto wanted = static_cast<unsigned>(bits[i]);
-        if (held < wanted) {
-            window = window << 8 | *data++;
-            held += 8;
-        }
-        held -= wanted;
-        numbers[i] = window >> held & ((1u << wanted) - 1);
+        // A number lies in two bytes at most; one of no bits may lie behind the last.
+        const std::size_t byte = first / 8;
+        const unsigned high = byte < size ? data[byte] : 0;
+        const unsigned low = byte + 1 < size ? data[byte + 1] : 0;
+        const unsigned right = 16 - first % 8 - wanted;
+        numbers[i] = static_cast<std::uint8_t>((high << 8 | low) >> right & ((1u << wanted) - 1));
+        first += wanted;
     }
 }
 

@@ -24,7 +24,8 @@ struct CodedAttribute {
     const double *offsets, *steps;  // (components)
     // Bits that refine the values of each sample, (n), and the numbers that they hold,
     // (components, n); null: none.
-    const std::int64_t *bits, *numbers;
+    const std::int8_t *bits;
+    const std::uint8_t *numbers;
     float least, most;  // bounds of the values
 };
 

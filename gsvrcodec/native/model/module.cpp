@@ -92,8 +92,8 @@ void arrange(const Parameters &parameters, int width, int height, const Paramete
 using Codes = nb::ndarray<const std::uint16_t, nb::shape<-1, -1>, nb::device::cpu>;
 
 void dequantise(Codes codes, Array<const double, 1> offsets, Array<const double, 1> steps,
-                std::optional<Array<const std::int64_t, 1>> bits,
-                std::optional<Array<const std::int64_t, 2>> numbers, float least, float most,
+                std::optional<Array<const std::int8_t, 1>> bits,
+                std::optional<Array<const std::uint8_t, 2>> numbers, float least, float most,
                 Array<float, 2> out) {
     const std::size_t components = codes.shape(0), n = out.shape(0);
     require(components >= 1 && components <= 64, "codes must have 1 to 64 rows");
@@ -107,7 +107,7 @@ void dequantise(Codes codes, Array<const double, 1> offsets, Array<const double,
         require(bits->shape(0) == n && numbers->shape(0) == components && numbers->shape(1) == n,
                 "bits and numbers must have an entry for each value");
         require(std::all_of(bits->data(), bits->data() + n,
-                            [](std::int64_t of) { return of >= 0 && of <= gsvr::kMostBits; }),
+                            [](int of) { return of >= 0 && of <= gsvr::kMostBits; }),
                 "bits must be 0 to 8");
     }
     const gsvr::CodedAttribute coded{codes.data(),

@@ -20,12 +20,12 @@ void dequantise(const CodedAttribute &a, float *values) {
         }
         for (int bits = 0; bits <= kMostBits; ++bits) halved[bits] = std::ldexp(step, -1 - bits);
         // In units of half of what the least bit is worth, the value is a whole number.
-        const std::int64_t *numbers = a.numbers + component * a.n;
+        const std::uint8_t *numbers = a.numbers + component * a.n;
         for (std::size_t i = 0; i < a.n; ++i) {
             const int bits = static_cast<int>(a.bits[i]);
-            const std::int64_t cell = std::int64_t{1} << bits;
-            const std::int64_t halves = 2 * (codes[i] * cell + numbers[i]) + 1 - cell;
-            put(i, static_cast<double>(halves) * halved[bits] + offset);
+            const int cell = 1 << bits;
+            const int halves = 2 * (codes[i] * cell + numbers[i]) + 1 - cell;
+            put(i, halves * halved[bits] + offset);
         }
     }
 }
