@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gsvrcodec.model.prediction import look_at
 from gsvrcodec.model.pyramid import level_of
 from gsvrcodec.render import render_frames
 from gsvrcodec.render.order import arranged, drawing_order
@@ -65,6 +66,15 @@ def test_order_of_gaussians_beyond_the_frame() -> None:
     gop = random_gop(200)
     gop.position[::2] *= 100
     assert sorted(arranged(gop, SIZE).position.tolist()) == sorted(gop.position.tolist())
+
+
+def test_positions_that_are_no_numbers_do_no_harm() -> None:
+    gop = random_gop(50)
+    gop.position[::3] = [np.nan, np.inf]
+    gop.log_scale[::4] = np.nan
+    order = drawing_order(gop.position, gop.log_scale, SIZE)
+    assert sorted(order.tolist()) == list(range(50))
+    assert len(look_at(gop, 0.5).position) == 50
 
 
 def test_still_gaussians_come_last() -> None:

@@ -15,7 +15,8 @@ struct Cell {
 
 Cell cell_at(double coordinate, int size) {
     const double last = size - 1;
-    const double u = std::min(std::max((coordinate + 1) / 2 * last, 0.0), last);
+    // With the operands in this order, NaN becomes the first point.
+    const double u = std::min(std::max(0.0, (coordinate + 1) / 2 * last), last);
     const int low = static_cast<int>(u);
     return {low, std::min(low + 1, size - 1), u - low};
 }

@@ -33,7 +33,8 @@ class Places {
    private:
     static std::uint64_t tile(float coordinate, int tiles) {
         const double at = static_cast<double>(coordinate + 1) * (0.5 * tiles);
-        return static_cast<std::uint64_t>(std::min(std::max(at, 0.0), tiles - 1.0));
+        // With the operands in this order, NaN becomes the first tile.
+        return static_cast<std::uint64_t>(std::min(std::max(0.0, at), tiles - 1.0));
     }
 
     const int across_, down_;
