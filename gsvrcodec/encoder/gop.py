@@ -23,7 +23,7 @@ from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look
+from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
 from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time
@@ -81,7 +81,7 @@ class _Fitter:
         if reference is None or job.before is None:
             return None
         budget, backend = job.budget, self.backend
-        last = np.array([1.0 if reference.frames > 1 else 0.0], np.float32)
+        last = np.array([last_time(reference.frames)], np.float32)
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale

@@ -89,14 +89,19 @@ def look_at(gop: Gop, tau: float, blending: Blending = "mean") -> Look:
     return look
 
 
+def last_time(frames: int) -> float:
+    """Return the time of the last frame of a GOP of so many frames."""
+    return 1.0 if frames > 1 else 0.0
+
+
 def last_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its last frame."""
-    return look_at(gop, _last_time(frames), blending)
+    return look_at(gop, last_time(frames), blending)
 
 
 def first_look(gop: Gop, frames: int, blending: Blending = "mean") -> Look:
     """Return the Gaussians of a GOP of so many frames as drawn at its first frame."""
-    return look_at(gop, -_last_time(frames), blending)
+    return look_at(gop, -last_time(frames), blending)
 
 
 def start_of_motion(frames: int) -> float:
@@ -129,18 +134,13 @@ def carry_over(
     """
     kept = carried.kept
     whole = resized(new, kept + len(new))
-    end, start = _last_time(frames[0]), start_of_motion(frames[1])
+    end, start = last_time(frames[0]), start_of_motion(frames[1])
     motion = carried.indicator, carried.linear, carried.quadratic
     how = carried.mode, _arrays(carried), *motion, start, _BOUNDS
     _core.carry_over(parameters_of(reference), end, blending == "mean", *how, parameters_of(whole))
     for name in GAUSSIAN_ATTRIBUTES:
         getattr(whole, name)[kept:] = getattr(new, name)
     return whole
-
-
-def _last_time(frames: int) -> float:
-    """Return the time of the last frame of a GOP of so many frames."""
-    return 1.0 if frames > 1 else 0.0
 
 
 def _arrays(look: Look | Carried) -> _core.Look:
