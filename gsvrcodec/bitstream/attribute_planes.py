@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import Attribute, GopShape, GridKind
 from gsvrcodec.model.gop import Float32Array
 from gsvrcodec.model.quantise import (
+    SET_BITS,
     Coded,
     Finer,
     Precision,
@@ -33,7 +35,16 @@ from gsvrcodec.model.quantise import (
     values_of_coded,
 )
 from gsvrcodec.model.refinement import Refinements
-from gsvrcodec.planes import Codec, Memory, PlaneStack, decode_plane, encode_plane
+from gsvrcodec.planes import (
+    Codec,
+    CodedPlane,
+    DamagedPlane,
+    Memory,
+    PlaneStack,
+    Stack,
+    decode_planes,
+    encode_plane,
+)
 
 #: What is remembered of the planes of a GOP, by attribute and component.
 Memories = defaultdict[tuple[str, int], Memory]
@@ -116,26 +127,22 @@ def unpack_planes(
     limits.check_expansion(4 * sum(e.width * e.height for e in entries), len(payload))
     most = max((entry.width * entry.height for entry in entries), default=0)
     limits.check("plane_samples", most, "the number of samples of a plane")
-    stacks = _plane_stacks(shape)
-    for entry in entries:
-        quantiser, stack = entry.quantiser, stacks[entry.attribute.grid]
-        data = payload[offset : offset + entry.size]
-        offset += entry.size
-        size = entry.width, entry.height
-        try:
-            codes = decode_plane(entry.codec, data, *size, quantiser.bits, limits, stack.prior)
-        except CorruptError as error:
-            what = f"plane {entry.name}: {error.message}"
-            raise CorruptError(what, section=error.section) from error
-        stack.append(codes)
-    coded = _coded(entries, stacks, shape)
-    values = {name: own.values() for name, own in coded.items()}
-    refinements = parse_table(payload[offset : offset + TABLE_BYTES])
+    stacks, planes, coded = _lay_out(entries, offset, shape)
+    try:
+        decode_planes(payload, planes, stacks)
+    except DamagedPlane as damaged:
+        error = damaged.error
+        what = f"plane {entries[damaged.number].name}: {error.message}"
+        raise CorruptError(what, section=error.section) from error
+    rest = payload[offset + sum(entry.size for entry in entries) :]
+    refinements = parse_table(rest[:TABLE_BYTES])
     if refinements and not shape.gaussians:
         raise CorruptError("a refinement without new Gaussians", section="5.6")
+    replaced = refinements.keys() - SET_BITS
+    values = {name: own.values() for name, own in coded.items() if name not in replaced}
     bits = bits_of(values, refinements)
     each = np.array([own for name, own in bits.items() for _ in coded[name].codes], np.int8)
-    numbers = unpack_numbers(payload[offset + TABLE_BYTES :], each.ravel()).reshape(each.shape)
+    numbers = unpack_numbers(rest[TABLE_BYTES:], each.ravel()).reshape(each.shape)
     for name, own in bits.items():
         components = len(coded[name].codes)
         values[name] = coded[name].values(Finer(own, numbers[:components]))
@@ -155,22 +162,45 @@ class _Coded(NamedTuple):
         return values_of(self.codes, self.quantisers, self.attribute, finer)
 
 
-def _coded(
-    entries: Sequence[PlaneEntry], stacks: Mapping[GridKind, PlaneStack], shape: GopShape
-) -> dict[str, _Coded]:
-    """Join the planes of each attribute, and leave out the padding of the last row."""
-    taken = dict.fromkeys(stacks, 0)
-    quantisers = [entry.quantiser for entry in entries]
+def _lay_out(
+    entries: Sequence[PlaneEntry], offset: int, shape: GopShape
+) -> tuple[list[Stack], list[CodedPlane], dict[str, _Coded]]:
+    """Say where each plane lies in a payload, from `offset` on, and where its samples go.
+
+    Returns:
+        A stack for each grid; the planes; and by attribute name what the stacks will hold, without
+        the padding of the last row.
+    """
+    stacks: list[Stack] = []
+    planes: list[CodedPlane] = []
     coded = {}
-    for attribute in shape.attributes():
-        kind, count = attribute.grid, attribute.components
-        codes = stacks[kind].prior.planes[taken[kind] : taken[kind] + count]
+    for kind, attributes in groupby(shape.attributes(), lambda attribute: attribute.grid):
+        own = list(attributes)
+        width, height = shape.plane_size(kind)
+        samples = np.empty((sum(a.components for a in own), height, width), np.uint16)
+        codes = samples
         if kind not in ("xy", "xt", "yt"):
-            codes = codes.reshape(count, -1)[:, : shape.samples(kind)]
-        coded[attribute.name] = _Coded(attribute, codes, quantisers[:count])
-        quantisers = quantisers[count:]
-        taken[kind] += count
-    return coded
+            codes = samples.reshape(len(samples), -1)[:, : shape.samples(kind)]
+        place = 0
+        for attribute in own:
+            stored = entries[len(planes) : len(planes) + attribute.components]
+            part = codes[place : place + len(stored)]
+            coded[attribute.name] = _Coded(attribute, part, [entry.quantiser for entry in stored])
+            for entry in stored:
+                bits, where = entry.quantiser.bits, (offset, entry.size)
+                planes.append(CodedPlane(entry.codec, bits, *where, len(stacks), place))
+                offset += entry.size
+                place += 1
+        stacks.append(Stack(samples, _is_guided(kind)))
+    return stacks, planes, coded
+
+
+def _is_guided(kind: GridKind) -> bool:
+    """Whether the first plane of a grid guides codec 4 to the neighbours above.
+
+    In a row of new Gaussians x rises, and position.x is the first plane.
+    """
+    return kind == "gaussians"
 
 
 def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:
@@ -179,6 +209,5 @@ def _plane_stacks(shape: GopShape) -> dict[GridKind, PlaneStack]:
     stacks = {}
     for kind, planes in count.items():
         width, height = shape.plane_size(kind)
-        # In a row of new Gaussians x rises, so position.x guides codec 4 to the neighbours above.
-        stacks[kind] = PlaneStack(planes, height, width, guided=kind == "gaussians")
+        stacks[kind] = PlaneStack(planes, height, width, guided=_is_guided(kind))
     return stacks

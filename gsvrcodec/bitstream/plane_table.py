@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 from gsvrcodec.bitstream.plane_codecs import PLANE_ENTRY
 from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
@@ -14,11 +14,10 @@ from gsvrcodec.planes.samples import MAX_BITS
 from gsvrcodec.planes.table import Codec
 
 PLANE_ENTRY_BYTES = PLANE_ENTRY.size
-_CODECS = frozenset(Codec)
+_CODECS = {codec.value: codec for codec in Codec}
 
 
-@dataclass(frozen=True, slots=True)
-class PlaneEntry:
+class PlaneEntry(NamedTuple):
     """One entry of the plane table."""
 
     attribute: Attribute  #: attribute that the plane belongs to
@@ -91,7 +90,7 @@ def parse_plane_table(
             )
         quantiser = _quantiser(attribute, codec, bits, start, step)
         entries.append(
-            PlaneEntry(attribute, component, Codec(codec), quantiser, width, height, size)
+            PlaneEntry(attribute, component, _CODECS[codec], quantiser, width, height, size)
         )
     last = end + sum(entry.size for entry in entries)
     if last > len(payload):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from math import isqrt
 from typing import Literal
 
@@ -63,6 +64,7 @@ ALL_ATTRIBUTES = (*ATTRIBUTES, *CARRIED_ATTRIBUTES)
 ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in ALL_ATTRIBUTES}
 
 
+@cache
 def attributes_of(blending: Blending) -> tuple[Attribute, ...]:
     """Return the attributes of GOPs whose pictures are formed so, in the order of the plane table.
 

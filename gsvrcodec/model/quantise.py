@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,7 @@ class Refined:
 Precision = Mapping[str, int | tuple[float, ...] | Refined]
 
 
-@dataclass(frozen=True, slots=True)
-class Quantiser:
+class Quantiser(NamedTuple):
     """value = offset + step * code, for codes of `bits` bits (spec section "Dequantisation")."""
 
     bits: int  #: 1 to 16
@@ -211,12 +210,10 @@ def values_of(
     """
     components, *shape = codes.shape
     values = np.empty((codes[0].size, components), np.float32)
-    offsets = np.array([quantiser.offset for quantiser in quantisers])
-    steps = np.array([quantiser.step for quantiser in quantisers])
     _core.dequantise(
         codes.reshape(components, -1),
-        offsets,
-        steps,
+        [quantiser.offset for quantiser in quantisers],
+        [quantiser.step for quantiser in quantisers],
         finer.bits if finer else None,
         finer.numbers if finer else None,
         attribute.low,
@@ -278,11 +275,15 @@ def refinements_of(precision: Precision) -> dict[str, Refinement]:
     return {name: own.refinement for name, own in wanted.items() if isinstance(own, Refined)}
 
 
+#: Attributes whose base values say how many bits refine a Gaussian.
+SET_BITS = frozenset({"log_scale", "log_opacity", "indicator", "linear", "quadratic"})
+
+
 def bits_of(values: Mapping[str, Float32Array], refinements: Refinements) -> dict[str, Bits]:
     """How many bits refine each Gaussian, (N,), for each attribute that is refined.
 
     Args:
-        values: Base values by attribute name; scales, opacities, indicators and motion count.
+        values: Base values by attribute name; those of `SET_BITS` count.
         refinements: Of the attributes that are refined.
     """
     if not refinements:

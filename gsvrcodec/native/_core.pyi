@@ -273,8 +273,8 @@ def arrange(parameters: Parameters, width: int, height: int, out: Parameters) ->
 
 def dequantise(
     codes: Array,
-    offsets: Array,
-    steps: Array,
+    offsets: Sequence[float],
+    steps: Sequence[float],
     bits: Array | None,
     numbers: Array | None,
     least: float,
@@ -285,8 +285,8 @@ def dequantise(
 
     Args:
         codes: (components, N) uint16.
-        offsets: (components,) float64.
-        steps: (components,) float64.
+        offsets: of each component, the value of code 0.
+        steps: of each component, the difference of neighbouring values.
         bits: (N,) int8, 0 to 8: bits that refine each value; None = none.
         numbers: (components, N) uint8: what they say.
         least: bound of the values.

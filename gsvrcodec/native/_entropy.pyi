@@ -6,9 +6,6 @@ from numpy.typing import NDArray
 # Planes are (height, width) arrays. In all functions, `prior` is (count, height, width): the prior
 # planes; `columns` is (height, width) or None: the result of `follow`.
 
-class Corrupt(ValueError):
-    """The bytes are not a valid stream; the message says why."""
-
 class Predictor:
     """The linear prediction of a sample in codec 4; the spec has the units and bounds."""
 
@@ -54,20 +51,19 @@ def encode_context(
 ) -> bytes:
     """Encode a plane with codec 4."""
 
-def decode_context(
-    data: bytes,
-    bits: int,
-    prior: NDArray[np.uint16],
-    columns: NDArray[np.uint16] | None,
-    out: NDArray[np.uint16],
-) -> None:
-    """Decode a plane of codec 4 to `out`; raise `Corrupt` if `data` is not valid."""
-
 def encode_ranges(samples: NDArray[np.uint16]) -> bytes:
     """Encode a plane with codec 5."""
 
-def decode_ranges(data: bytes, bits: int, out: NDArray[np.uint16]) -> None:
-    """Decode a plane of codec 5 to `out`; raise `Corrupt` if `data` is not valid."""
+def decode_planes(
+    data: bytes,
+    planes: Sequence[tuple[int, int, int, int, int, int]],
+    stacks: Sequence[tuple[NDArray[np.uint16], bool]],
+) -> tuple[int, str] | None:
+    """Decode planes of codecs 0, 4 and 5 in turn, as `gsvrcodec.planes.decode_planes`.
+
+    Returns:
+        The number of the first plane that is damaged, and what is wrong; None = none is.
+    """
 
 def unpack_numbers(data: bytes, bits: NDArray[np.int8], out: NDArray[np.uint8]) -> None:
     """Read numbers of so many bits each, 0 to 8, the highest bit first, to `out`; shapes (N,)."""

@@ -2,6 +2,27 @@
 
 from gsvrcodec.planes.context import Memory
 from gsvrcodec.planes.prior import PlaneStack, PriorPlanes
-from gsvrcodec.planes.table import PACKS, Codec, decode_plane, encode_plane
+from gsvrcodec.planes.table import (
+    PACKS,
+    Codec,
+    CodedPlane,
+    DamagedPlane,
+    Stack,
+    decode_plane,
+    decode_planes,
+    encode_plane,
+)
 
-__all__ = ["PACKS", "Codec", "Memory", "PlaneStack", "PriorPlanes", "decode_plane", "encode_plane"]
+__all__ = [
+    "PACKS",
+    "Codec",
+    "CodedPlane",
+    "DamagedPlane",
+    "Memory",
+    "PlaneStack",
+    "PriorPlanes",
+    "Stack",
+    "decode_plane",
+    "decode_planes",
+    "encode_plane",
+]

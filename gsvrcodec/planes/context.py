@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.errors import CorruptError
 from gsvrcodec.native import _entropy
 from gsvrcodec.planes.prediction import Predictor, adapted, predictors
 from gsvrcodec.planes.prior import PriorPlanes
@@ -84,16 +83,6 @@ def encode(
         _entropy.Predictor(*predictor),
         coding,
     )
-
-
-def decode(data: bytes, shape: PlaneShape, prior: PriorPlanes) -> Samples:
-    """Decode a plane; CorruptError if `data` is damaged or not used up exactly."""
-    out = np.empty((shape.height, shape.width), np.uint16)
-    try:
-        _entropy.decode_context(data, shape.bits, prior.planes, prior.columns, out)
-    except _entropy.Corrupt as error:
-        raise CorruptError(f"damaged context plane: {error}") from None
-    return out
 
 
 def _coding(

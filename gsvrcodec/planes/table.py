@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
+from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
+from gsvrcodec.native import _entropy
 from gsvrcodec.planes import constant, context, deflate, jxl, png, ranges
 from gsvrcodec.planes.prior import PriorPlanes
 from gsvrcodec.planes.samples import MAX_BITS, PlaneShape, Samples
@@ -45,12 +48,11 @@ _ENCODERS: Mapping[Codec, Callable[[Samples, PlaneShape], bytes | None]] = {
     Codec.JXL: jxl.encode,
     Codec.RANGES: ranges.encode,
 }
+#: The codecs that libraries decode; they need no prior planes.
 _DECODERS: Mapping[Codec, Callable[[bytes, PlaneShape], Samples]] = {
-    Codec.CONSTANT: constant.decode,
     Codec.DEFLATE: deflate.decode,
     Codec.PNG: png.decode,
     Codec.JXL: jxl.decode,
-    Codec.RANGES: ranges.decode,
 }
 #: Order of trials: first the codecs that end the search or are usually the smallest.
 _ORDER = (Codec.CONSTANT, Codec.RANGES, Codec.CONTEXT, Codec.DEFLATE, Codec.PNG, Codec.JXL)
@@ -113,7 +115,64 @@ def _promising(codec: Codec, samples: Samples, shape: PlaneShape, best: int) -> 
     return part is not None and len(part) * shape.height <= _TRIAL_MARGIN * best * rows
 
 
-@spec_section("6")
+class Stack(NamedTuple):
+    """The planes of one grid, in table order."""
+
+    samples: NDArray[np.uint16]  #: (count, height, width)
+    guided: bool = False  #: whether the first plane chooses neighbours, see `PlaneStack`
+
+
+class CodedPlane(NamedTuple):
+    """A plane to decode."""
+
+    codec: Codec
+    bits: int  #: 1 to 16; every sample is less than 2**bits
+    offset: int  #: of its bytes
+    size: int  #: bytes
+    stack: int  #: number of its stack
+    place: int  #: in the stack; the planes before it are its prior planes
+
+
+class DamagedPlane(Exception):
+    """A plane breaks a rule of its codec."""
+
+    def __init__(self, number: int, error: CorruptError) -> None:
+        super().__init__(error.message)
+        error.section = error.section or "6"
+        self.number = number  #: of the plane, from 0
+        self.error = error  #: which rule
+
+
+def decode_planes(data: bytes, planes: Sequence[CodedPlane], stacks: Sequence[Stack]) -> None:
+    """Decode planes to their places in stacks; the codecs must use up their bytes exactly.
+
+    Args:
+        data: Holds the bytes of the planes.
+        planes: The planes; those of a stack in the order of their places.
+        stacks: Where samples are written to.
+
+    Raises:
+        DamagedPlane: The bytes of a plane are not a plane of this shape.
+    """
+    own: list[int] = []
+    for number, plane in enumerate(planes):
+        if plane.codec not in _DECODERS:
+            own.append(number)
+            continue
+        samples = stacks[plane.stack].samples
+        shape = PlaneShape(samples.shape[2], samples.shape[1], plane.bits)
+        try:
+            samples[plane.place] = _DECODERS[plane.codec](
+                data[plane.offset : plane.offset + plane.size], shape
+            )
+        except CorruptError as error:
+            raise DamagedPlane(number, error) from error
+    if fault := _entropy.decode_planes(data, [planes[number] for number in own], stacks):
+        number = own[fault[0]]
+        name = planes[number].codec.name.lower()
+        raise DamagedPlane(number, CorruptError(f"damaged {name} plane: {fault[1]}"))
+
+
 def decode_plane(
     codec: int,
     data: bytes,
@@ -147,9 +206,14 @@ def decode_plane(
     except ValueError:
         raise UnsupportedError(f"unknown plane codec {codec}") from None
     if width < 1 or height < 1 or not 1 <= bits <= MAX_BITS:
-        raise CorruptError(f"plane of {width}x{height} samples of {bits} bits")
+        raise CorruptError(f"plane of {width}x{height} samples of {bits} bits", section="6")
     limits.check("plane_samples", width * height, "the number of samples of a plane")
-    shape = PlaneShape(width, height, bits)
-    if known is Codec.CONTEXT:
-        return context.decode(data, shape, prior or PriorPlanes.none(height, width))
-    return _DECODERS[known](data, shape)
+    before = (prior or PriorPlanes.none(height, width)).planes
+    samples = np.concatenate([before, np.empty((1, height, width), np.uint16)])
+    stack = Stack(samples, prior is not None and prior.columns is not None)
+    try:
+        decode_planes(data, [CodedPlane(known, bits, 0, len(data), 0, len(before))], [stack])
+    except DamagedPlane as damaged:
+        raise damaged.error from None
+    decoded: Samples = samples[-1]
+    return decoded

@@ -10,11 +10,23 @@ from hypothesis.extra.numpy import arrays
 
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.limits import Limits
-from gsvrcodec.planes import PACKS, Codec, decode_plane, encode_plane
+from gsvrcodec.native import _entropy
+from gsvrcodec.planes import (
+    PACKS,
+    Codec,
+    CodedPlane,
+    DamagedPlane,
+    PlaneStack,
+    Stack,
+    decode_plane,
+    decode_planes,
+    encode_plane,
+)
 from gsvrcodec.planes.samples import Samples
 
 LIMITS = Limits()
 EVERY_CODEC = pytest.mark.parametrize("codec", list(Codec), ids=lambda codec: codec.name.lower())
+CODECS_OF_GRIDS = [Codec.DEFLATE, Codec.CONTEXT, Codec.CONSTANT, Codec.CONTEXT, Codec.RANGES]
 VARYING_CODECS: list[Codec] = [codec for codec in Codec if codec is not Codec.CONSTANT]
 
 
@@ -87,6 +99,63 @@ class TestEncode:
 
     def test_deflate_codes_what_the_others_cannot(self) -> None:
         assert encode_plane(smooth(3, 3, 8), 8, {Codec.CONSTANT})[0] is Codec.DEFLATE
+
+
+def coded_grids() -> tuple[bytes, list[CodedPlane], list[Stack]]:
+    """Planes of all codecs of a decoder without libraries, in two grids, and what they hold."""
+    draw = np.random.default_rng(0)
+    sizes, guided = [(5, 9), (8, 3)], [True, False]
+    grids = [PlaneStack(5, *size, guided=own) for size, own in zip(sizes, guided, strict=True)]
+    data, coded = b"", []
+    for place, codec in enumerate(CODECS_OF_GRIDS):
+        for number, grid in enumerate(grids):
+            samples = draw.integers(0, 2**9, sizes[number]).astype(np.uint16)
+            if codec is Codec.CONSTANT:
+                samples[:] = 511
+            _, part = encode_plane(samples, 9, {codec}, grid.prior)
+            grid.append(samples)
+            coded.append(CodedPlane(codec, 9, len(data), len(part), number, place))
+            data += part
+    stacks = [Stack(grid.prior.planes, own) for grid, own in zip(grids, guided, strict=True)]
+    return data, coded, stacks
+
+
+class TestDecodePlanes:
+    def test_planes_of_several_grids(self) -> None:
+        """Those of codec 4 see the planes before them, whatever codec these have."""
+        data, coded, wanted = coded_grids()
+        found = [Stack(np.zeros_like(stack.samples), stack.guided) for stack in wanted]
+        decode_planes(data, coded, found)
+        for stack, expected in zip(found, wanted, strict=True):
+            np.testing.assert_array_equal(stack.samples, expected.samples)
+
+    @pytest.mark.parametrize("number", range(2 * len(CODECS_OF_GRIDS)))
+    def test_a_damaged_plane_is_named(self, number: int) -> None:
+        data, coded, stacks = coded_grids()
+        coded[number] = coded[number]._replace(size=coded[number].size - 1)
+        with pytest.raises(DamagedPlane) as raised:
+            decode_planes(data, coded, stacks)
+        assert raised.value.number == number
+        assert raised.value.error.section is not None
+
+    @pytest.mark.parametrize(
+        ("field", "value", "says"),
+        [
+            ("bits", 17, "1 to 16 bits"),
+            ("size", 10**6, "out of range"),
+            ("offset", 10**6, "out of range"),
+            ("stack", 2, "no place"),
+            ("place", 5, "no place"),
+            ("place", -1, "no place"),
+            ("codec", 1, "own codecs"),
+        ],
+    )
+    def test_the_core_checks_what_it_is_told(self, field: str, value: int, says: str) -> None:
+        data, coded, stacks = coded_grids()
+        fields = coded[2]._asdict() | {field: value}
+        plane = CodedPlane._make(fields.values())
+        with pytest.raises(ValueError, match=says):
+            _entropy.decode_planes(data, [plane], stacks)
 
 
 class TestDecode:

@@ -1,15 +1,22 @@
-// The Python module _entropy: plane codecs 4 and 5. Planes are (height, width) arrays of uint16.
+// The Python module _entropy: plane codecs 0, 4 and 5. Planes are (height, width) arrays of uint16.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <vector>
 
 #include "context_codec.hpp"
 #include "numbers.hpp"
+#include "planes.hpp"
 #include "ranges_codec.hpp"
 #include "rans.hpp"
 
@@ -89,12 +96,6 @@ nb::bytes encode_context(Samples samples, int bits, Prior prior, Columns columns
     return bytes_of(gsvr::encode_context(plane, predictor, coding, samples.data()));
 }
 
-void decode_context(nb::bytes data, int bits, Prior prior, Columns columns, OutSamples out) {
-    const auto plane = plane_of(out, bits, prior, columns);
-    nb::gil_scoped_release release;
-    gsvr::decode_context(plane, data_of(data), data.size(), out.data());
-}
-
 nb::bytes encode_ranges(Samples samples) {
     require(samples.size() && samples.shape(0) <= kMaxSide && samples.shape(1) <= kMaxSide,
             "a plane has 1 to 65535 rows and columns");
@@ -102,13 +103,45 @@ nb::bytes encode_ranges(Samples samples) {
                                         static_cast<int>(samples.shape(0)), samples.data()));
 }
 
-void decode_ranges(nb::bytes data, int bits, OutSamples out) {
-    require(out.size() && out.shape(0) <= kMaxSide && out.shape(1) <= kMaxSide && bits >= 1 &&
-                bits <= 16,
-            "a plane has 1 to 65535 rows and columns and 1 to 16 bits");
+// Codec, bits, offset and bytes of a plane, the number of its stack, and its place there.
+using CodedPlane = std::tuple<int, int, std::size_t, std::size_t, std::size_t, int>;
+// The planes of a grid, and whether the first guides the others.
+using Stack = std::tuple<Array<std::uint16_t, 3>, bool>;
+
+gsvr::PlaneStack stack_of(const Stack &stack) {
+    const auto &[samples, guided] = stack;
+    require(samples.shape(0) <= kMaxPrior && samples.shape(1) >= 1 && samples.shape(2) >= 1 &&
+                samples.shape(1) <= kMaxSide && samples.shape(2) <= kMaxSide,
+            "a stack has at most 255 planes of 1 to 65535 rows and columns");
+    return {samples.data(),
+            static_cast<int>(samples.shape(0)),
+            static_cast<int>(samples.shape(2)),
+            static_cast<int>(samples.shape(1)),
+            guided,
+            {}};
+}
+
+std::optional<std::pair<std::size_t, std::string>> decode_planes(
+    nb::bytes data, const std::vector<CodedPlane> &planes, const std::vector<Stack> &stacks) {
+    std::vector<gsvr::PlaneStack> found;
+    for (const Stack &stack : stacks) found.push_back(stack_of(stack));
+    for (const auto &[codec, bits, offset, size, stack, place] : planes) {
+        require(bits >= 1 && bits <= 16, "a plane has 1 to 16 bits");
+        require(offset <= data.size() && size <= data.size() - offset, "a plane is out of range");
+        require(stack < found.size() && place >= 0 && place < found[stack].count,
+                "a plane has no place");
+    }
+    const std::uint8_t *bytes = data_of(data);
     nb::gil_scoped_release release;
-    gsvr::decode_ranges(static_cast<int>(out.shape(1)), static_cast<int>(out.shape(0)), bits,
-                        data_of(data), data.size(), out.data());
+    for (std::size_t i = 0; i < planes.size(); ++i) {
+        const auto &[codec, bits, offset, size, stack, place] = planes[i];
+        try {
+            gsvr::decode_plane({codec, bits, bytes + offset, size, place}, found[stack]);
+        } catch (const gsvr::Corrupt &error) {
+            return std::pair{i, std::string(error.what())};
+        }
+    }
+    return {};
 }
 
 using Numbers = Array<std::uint8_t, 1>;
@@ -127,8 +160,7 @@ void unpack_numbers(nb::bytes data, Array<const std::int8_t, 1> bits, Numbers ou
 }  // namespace
 
 NB_MODULE(_entropy, m) {
-    m.doc() = "Entropy-coded planes: codecs 4 and 5 (spec/gsvr.md).";
-    nb::exception<gsvr::Corrupt>(m, "Corrupt", PyExc_ValueError);
+    m.doc() = "Plane codecs 0, 4 and 5 (spec/gsvr.md).";
     nb::class_<gsvr::Predictor>(m, "Predictor")
         .def(
             "__init__",
@@ -152,9 +184,7 @@ NB_MODULE(_entropy, m) {
     m.def("measure", &measure, "errors"_a, "around"_a, "coding"_a);
     m.def("encode_context", &encode_context, "samples"_a, "bits"_a, "prior"_a, "columns"_a.none(),
           "predictor"_a, "coding"_a);
-    m.def("decode_context", &decode_context, "data"_a, "bits"_a, "prior"_a, "columns"_a.none(),
-          "out"_a);
     m.def("encode_ranges", &encode_ranges, "samples"_a);
-    m.def("decode_ranges", &decode_ranges, "data"_a, "bits"_a, "out"_a);
+    m.def("decode_planes", &decode_planes, "data"_a, "planes"_a, "stacks"_a);
     m.def("unpack_numbers", &unpack_numbers, "data"_a, "bits"_a, "out"_a);
 }

@@ -1,7 +1,9 @@
 // What the Python module _core has of Gaussians before they are rendered.
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "../arrays.hpp"
 #include "gaussians.hpp"
@@ -91,15 +93,15 @@ void arrange(const Parameters &parameters, int width, int height, const Paramete
 // The rows may lie apart.
 using Codes = nb::ndarray<const std::uint16_t, nb::shape<-1, -1>, nb::device::cpu>;
 
-void dequantise(Codes codes, Array<const double, 1> offsets, Array<const double, 1> steps,
+void dequantise(Codes codes, const std::vector<double> &offsets, const std::vector<double> &steps,
                 std::optional<Array<const std::int8_t, 1>> bits,
                 std::optional<Array<const std::uint8_t, 2>> numbers, float least, float most,
                 Array<float, 2> out) {
     const std::size_t components = codes.shape(0), n = out.shape(0);
     require(components >= 1 && components <= 64, "codes must have 1 to 64 rows");
-    require(offsets.shape(0) == components && steps.shape(0) == components &&
-                out.shape(1) == components,
-            "offsets, steps and the columns of out must be as many as rows of codes");
+    require(
+        offsets.size() == components && steps.size() == components && out.shape(1) == components,
+        "offsets, steps and the columns of out must be as many as rows of codes");
     require(n == codes.shape(1), "out must have a row for each column of codes");
     require(n <= 1 || codes.stride(1) == 1, "each row of codes must be in one piece");
     require(bits.has_value() == numbers.has_value(), "bits and numbers go together");
