@@ -272,11 +272,10 @@ class _Descent:
             if kind.prices:
                 self._price.look(parameters)
             self._price.add(gradients)
-        with parameters.about_middle(gradients):
-            if kind.paces:
-                self._adam.look(tensors, paces(parameters, self._recipe, size))
-            parameters.hold(gradients)
-            self._adam.step(gradients, factor, number)
+        if kind.paces:
+            self._adam.look(tensors, paces(parameters, self._recipe, size))
+        parameters.hold(gradients)
+        self._adam.step(gradients, factor, number)
         parameters.limit()
 
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:

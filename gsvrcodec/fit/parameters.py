@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,8 +99,12 @@ class Parameters:
     """Parameters that an optimiser may change, and the way from them to a `Gop`.
 
     `raw` holds one tensor for each trained attribute, by the names of `Gop`; the indicator is
-    a logit there. Attributes that `deform` switches off are not in `raw`. With an anchor, values
-    are relative to it.
+    a logit there. Attributes that `deform` switches off are not in `raw`.
+
+    Carried Gaussians too are held as they are drawn, not as changes: what is stored of their place
+    is where the reference leaves them, so that a step of their motion alone would move them most at
+    the other end of the GOP. About their canonical positions, place and motion hardly depend on
+    each other, and converge sooner.
 
     Args:
         start: the state to begin with, as it is stored; copied.
@@ -126,8 +129,9 @@ class Parameters:
         self._moves: Tensor | None = None  # 1, or 0 for what is static, (N, 1)
         self.background = background
         device = backend.device
+        drawn = self._drawn(start)
         tensors = {
-            name: torch.from_numpy(getattr(start, name).astype(np.float32)).to(device)
+            name: torch.from_numpy(getattr(drawn, name).astype(np.float32)).to(device)
             for name in NAMES
         }
         self._fixed: dict[str, Tensor] = {}
@@ -152,13 +156,6 @@ class Parameters:
             out["indicator"] = torch.sigmoid(out["indicator"])
             if self._moves is not None:
                 out["indicator"] = 1 - self._moves[:, 0] * (1 - out["indicator"])
-        if self._anchored is not None:
-            for name in LOOK:
-                out[name] = out[name] + self._anchored[name]
-            assert self.anchor is not None
-            start = self.anchor.start
-            way = start * out["linear"] + start**2 * out["quadratic"]
-            out["position"] = out["position"] - self._anchored["carried"] * way
         return {name: out[name] for name in NAMES}
 
     def gradients(
@@ -188,12 +185,6 @@ class Parameters:
         if "indicator" in self.raw:
             indicator = torch.sigmoid(self.raw["indicator"])
             gradients["indicator"] = gradients["indicator"] * indicator * (1 - indicator)
-        if self._anchored is not None:
-            assert self.anchor is not None
-            start = self.anchor.start
-            back = self._anchored["carried"] * gradients["position"]
-            gradients["linear"] = gradients["linear"] - start * back
-            gradients["quadratic"] = gradients["quadratic"] - start**2 * back
         return {name: gradients[name] for name in self.raw}
 
     @property
@@ -201,31 +192,34 @@ class Parameters:
         """1 for Gaussians of the reference, 0 for others, (N, 1); None = a key GOP."""
         return None if self._anchored is None else self._anchored["carried"]
 
-    @contextmanager
-    def about_middle(self, gradients: Tensors) -> Iterator[None]:
-        """Make steps of motion turn carried Gaussians about their canonical positions.
+    def changes(self) -> Tensors:
+        """What is stored of looks in `raw`: of carried Gaussians the change, of new ones all."""
+        now = {name: self.raw[name] for name in LOOK if name in self.raw}
+        if self._anchored is None:
+            return now
+        found = {name: value - self._anchored[name] for name, value in now.items()}
+        if "position" in found:
+            every = self._fixed | self.raw
+            for name, power in self._powers():
+                found["position"] += power * every[name]
+        return found
 
-        What is stored of such a Gaussian is the change of its place where the reference leaves it:
-        a step of its motion alone would move it most at the other end of the GOP, and a step of
-        its place would shift all of its way. About the middle, place and motion hardly depend on
-        each other, and converge sooner.
+    def add_slope_of_place(self, slopes: Tensors) -> None:
+        """Add to slopes of motion, in place, that of what is stored of a place, which follows it.
 
         Args:
-            gradients: in `raw`; those of motion are changed, in place, for a step that is taken in
-                the context.
+            slopes: of `changes` and of motion, by name.
         """
-        if self._anchored is None or "linear" not in self.raw:
-            yield
-            return
+        if self._anchored is not None and "linear" in self.raw:
+            for name, power in self._powers():
+                slopes[name] += power * slopes["position"]
+
+    def _powers(self) -> Iterator[tuple[str, Tensor]]:
+        """Names of motion, and by how much of it a stored place is off a canonical one, (N, 1)."""
         assert self.anchor is not None
-        carried = self._anchored["carried"]
-        powers = dict(zip(MOTION, (self.anchor.start, self.anchor.start**2), strict=True))
-        before = {name: self.raw[name].clone() for name in powers}
-        for name, power in powers.items():
-            gradients[name] = gradients[name] + power * carried * gradients["position"]
-        yield
-        for name, power in powers.items():
-            self.raw["position"].add_(power * carried * (self.raw[name] - before[name]))
+        assert self._anchored is not None
+        start, carried = self.anchor.start, self._anchored["carried"]
+        return ((name, start**power * carried) for power, name in enumerate(MOTION, 1))
 
     def limit(self) -> None:
         """Bound the opacities that are drawn by `OPACITY.most`, in place.
@@ -233,14 +227,8 @@ class Parameters:
         Those of the reference too, which the tri-plane may have raised: nothing new could hide
         them.
         """
-        if "log_opacity" not in self.raw:
-            return
-        value, most = self.raw["log_opacity"], OPACITY.most
-        if self._anchored is None:
-            value.clamp_(-most, most)
-        else:
-            before = self._anchored["log_opacity"]
-            value.clamp_(-most - before, most - before)
+        if "log_opacity" in self.raw:
+            self.raw["log_opacity"].clamp_(-OPACITY.most, OPACITY.most)
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""
@@ -291,8 +279,7 @@ class Parameters:
         self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array
     ) -> None:
         """Make Gaussians new: as others are, but for the `values` given by the names of `Gop`."""
-        now = self.raw | {name: self.tensors()[name] for name in LOOK if name in self.raw}
-        fresh = {name: now[name][like].clone() for name in self.raw if name not in GRIDS}
+        fresh = {name: self.raw[name][like].clone() for name in self.raw if name not in GRIDS}
         for name, tensor in fresh.items():
             self.raw[name][chosen] = tensor
         for name, value in values.items():
@@ -304,11 +291,20 @@ class Parameters:
     def _anchor_tensors(self) -> Tensors | None:
         return None if self.anchor is None else self.anchor.tensors(self.backend.device)
 
-    def fix(self, values: Mapping[str, Float32Array]) -> None:
-        """Give attributes of `Gop` values that stay as they are: they leave `raw`."""
-        for name, value in values.items():
+    def fix(self, names: Iterable[str], stored: Gop) -> None:
+        """From now on attributes stay as they are stored: they leave `raw`.
+
+        Looks in `raw` begin anew as stored, since places follow motion.
+        """
+        drawn, device = self._drawn(stored), self.backend.device
+        for name in names:
             self.raw.pop(name, None)
-            self._fixed[name] = torch.from_numpy(value).to(self.backend.device)
+            self._fixed[name] = torch.from_numpy(getattr(drawn, name)).to(device)
+        for name in self.raw.keys() & LOOK:
+            self.raw[name] = torch.from_numpy(getattr(drawn, name).copy()).to(device)
+
+    def _drawn(self, stored: Gop) -> Gop:
+        return stored if self.anchor is None else self.anchor.gop(stored)
 
     def drawn(self) -> Gop:
         """The present state together with the background."""

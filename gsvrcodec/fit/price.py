@@ -55,15 +55,17 @@ class Price:
         self._slopes = {}
 
     def _computed(self, parameters: Parameters) -> Tensors:
-        slopes, carried = {}, parameters.carried
+        slopes: Tensors = {}
+        carried, stored = parameters.carried, parameters.raw | parameters.changes()
         for name, step in self._steps.items():
             prices = _PRICES[name]
             free = carried is None and not prices.fresh
             if name not in parameters.raw or free:
                 continue
-            value = parameters.raw[name]
+            value = stored[name]
             columns = value.reshape(len(value), -1)
             of_reference = None if name in MOTION else carried
             slope = parameters.backend.price_slopes(columns, step, of_reference, prices)
             slopes[name] = slope.mul_(self._weight).reshape(value.shape)
+        parameters.add_slope_of_place(slopes)
         return slopes

@@ -96,7 +96,8 @@ def quantise_in_stages(
 
     for stage in _STAGES:
         rounded = dequantised(gop, precision, carried)
-        parameters.fix({name: getattr(rounded, name) for name in stage})
+        gop = replace(gop, **{name: getattr(rounded, name) for name in stage})
+        parameters.fix(stage, gop)
         adam, effort = Adam(parameters.raw, recipe, size, backend), Effort(*each)
         looking = Every(PACED_STEPS)
         taken = [backend.recorded(partial(take, adam, look)) for look in (False, True)]
@@ -215,6 +216,10 @@ class QuantisedFit:
                 anchor=self.fit.anchor,
             )
         return Quantised(gop, precision, self._psnr(gop, precision), qscale)
+
+    def stored_bytes(self, result: Quantised) -> int:
+        """Bytes of what `quantised` returned."""
+        return self.measure(result.gop, result.precision, True)
 
     def _stored(self, qscale: float) -> tuple[Gop, Precision]:
         """What is stored, and how finely."""

@@ -87,7 +87,7 @@ class Result(Protocol):
         """PSNR of the decoded frames, dB."""
 
 
-R = TypeVar("R", bound=Result, covariant=True)
+R = TypeVar("R", bound=Result)
 
 
 class Candidate(Protocol[R]):
@@ -114,6 +114,9 @@ class Candidate(Protocol[R]):
     def quantised(self, qscale: float, *, trials: int = 1) -> R:
         """Round and tune; `trials` calls share a wall time."""
 
+    def stored_bytes(self, result: R) -> int:
+        """Bytes of what `quantised` returned."""
+
 
 class Trial(Protocol):
     """A fit by its number of Gaussians."""
@@ -133,14 +136,20 @@ F = TypeVar("F", bound=Trial)
 def quantise_to_size(candidate: Candidate[R], target_bytes: int) -> R:
     """Quantise so that the payload takes at most `target_bytes`, and nearly as many.
 
-    It takes fewer where more of them would win next to nothing.
+    It takes fewer where more of them would win next to nothing. If tuning adds more bytes than were
+    kept free for it, as it may to a small GOP, the GOP is rounded once more, to coarser steps.
     """
     wanted = round((1 - RATE_CONTROL.size_room) * target_bytes)
     qscale = find_qscale(candidate.size, Goal.of_size(wanted), candidate.usual_qscale)
-    excess = candidate.size(qscale) - candidate.size(qscale, exact=True)
-    if excess:
-        qscale = find_qscale(candidate.size, Goal.of_size(wanted + excess), qscale)
-    return candidate.quantised(max(qscale, _finest(candidate)))
+    wanted += candidate.size(qscale) - candidate.size(qscale, exact=True)
+    for _ in range(2):
+        qscale = find_qscale(candidate.size, Goal.of_size(wanted), qscale)
+        found = candidate.quantised(max(qscale, _finest(candidate)))
+        over, before = candidate.stored_bytes(found) - target_bytes, candidate.size(qscale)
+        if over <= 0 or before > wanted:  # met, or out of reach
+            break
+        wanted = before - over
+    return found
 
 
 def quantise_near_size(

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.recipe import Deform
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import Look, last_look, start_of_motion
 from tests import making
 from tests.fit.synthetic import BACKEND
@@ -36,11 +36,13 @@ def example(carried: int = 20, new: int = 8) -> tuple[Gop, Anchor, Gop]:
     return reference, anchor, small(carried + new, 4)
 
 
-def predicted(deform: Deform = "hybrid") -> Parameters:
+def predicted(deform: Deform = "hybrid", **values: Float32Array) -> Parameters:
+    """Parameters of a predicted GOP, of which `values` are stored by the names of `Gop`."""
     _, anchor, stored = example(CARRIED)
-    return Parameters(stored, deform, BACKEND, anchor=anchor)
+    return Parameters(replace(stored, **values), deform, BACKEND, anchor=anchor)
 
 
-def key() -> Parameters:
+def key(deform: Deform = "hybrid", **values: Float32Array) -> Parameters:
+    """Parameters of a key GOP, of which `values` are stored by the names of `Gop`."""
     gop = making.random_gop(np.random.default_rng(1), 28)
-    return Parameters(gop, "hybrid", BACKEND)
+    return Parameters(replace(gop, **values), deform, BACKEND)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -106,21 +108,48 @@ class TestField:
 
     @pytest.mark.parametrize("tau", [-1.0, 0.4])
     def test_gradients_are_those_of_the_reference_renderer(self, tau: float) -> None:
-        """Of the error in what is stored: changes move a picture as the values themselves do."""
+        """Of the error in the Gaussians as they are drawn."""
         _, anchor, stored = example()
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         picture = np.random.default_rng(2).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
-
-        # The anchor's equations again, in binary64 and by themselves.
         raw = {name: tensor.double() for name, tensor in parameters.raw.items()}
         leaves = {name: tensor.requires_grad_() for name, tensor in raw.items()}
         exact = leaves | {"indicator": torch.sigmoid(leaves["indicator"])}
-        for name in LOOK:
-            exact[name] = exact[name] + torch.from_numpy(getattr(anchor.look, name)).double()
-        way = anchor.start * leaves["linear"] + anchor.start**2 * leaves["quadratic"]
-        exact["position"] = exact["position"] - torch.from_numpy(anchor.carried)[:, None] * way
         exact = {name: exact[name] for name in Gop.__slots__}
         assert_gradients_of_the_reference(parameters, exact, leaves, tau, picture, SIZE)
+
+    def test_changes_are_what_is_stored(self) -> None:
+        _, anchor, stored = example()
+        changes = Parameters(stored, "hybrid", BACKEND, anchor=anchor).changes()
+        assert set(changes) == set(LOOK)
+        for name, change in changes.items():
+            np.testing.assert_allclose(change, getattr(stored, name), atol=2e-6)
+
+    def test_a_slope_of_place_is_one_of_motion_too(self) -> None:
+        """The derivative of what is stored of a place, by finite differences of motion."""
+        _, anchor, stored = example()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        draw = torch.Generator().manual_seed(0)
+        slope = torch.rand(28, 2, generator=draw)
+        slopes = {name: torch.ones(28, 2) for name in ("linear", "quadratic")}
+        parameters.add_slope_of_place(slopes | {"position": slope})
+        before = parameters.changes()["position"]
+        for name, found in slopes.items():
+            parameters.raw[name] += 1
+            after = parameters.changes()["position"]
+            np.testing.assert_allclose(found, 1 + slope * (after - before), atol=1e-5)
+            before = after
+
+    def test_fixed_motion_leaves_the_stored_places_where_they_are(self) -> None:
+        _, anchor, stored = example()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        rounded = replace(stored, linear=np.round(stored.linear), quadratic=0 * stored.quadratic)
+        parameters.fix(("linear", "quadratic"), rounded)
+        assert {"linear", "quadratic"}.isdisjoint(parameters.raw)
+        for name in ("position", "linear", "quadratic", "colour"):
+            np.testing.assert_allclose(
+                getattr(parameters.stored(), name), getattr(rounded, name), atol=2e-6
+            )
 
     def test_renewed_gaussians_are_new_and_as_others_are(self) -> None:
         _, anchor, stored = example()
@@ -167,22 +196,15 @@ class TestField:
                 getattr(parameters.gop(), name), getattr(before, name)[order]
             )
 
-    def test_steps_of_motion_turn_about_the_canonical_position(self) -> None:
+    def test_motion_turns_about_the_canonical_position(self) -> None:
         _, anchor, stored = example()
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         before = parameters.gop()
-        gradients = {name: torch.zeros_like(tensor) for name, tensor in parameters.raw.items()}
-        gradients["position"] += torch.tensor([1.0, -2.0])
-        with parameters.about_middle(gradients):
-            parameters.raw["linear"] += 0.3
-            parameters.raw["quadratic"] -= 0.1
+        parameters.raw["linear"] += 0.3
+        parameters.raw["quadratic"] -= 0.1
         after = parameters.gop()
-        np.testing.assert_allclose(after.position, before.position, atol=1e-6)
+        np.testing.assert_array_equal(after.position, before.position)
         np.testing.assert_allclose(after.linear, before.linear + 0.3, atol=1e-6)
-        # A canonical position that stays moves what is stored: by `start` for linear motion.
-        carried = anchor.carried[:, None] * np.array([1.0, -2.0])
-        np.testing.assert_allclose(gradients["linear"], anchor.start * carried, atol=1e-6)
-        np.testing.assert_allclose(gradients["quadratic"], anchor.start**2 * carried, atol=1e-6)
 
     def test_opacities_are_bounded_as_they_are_drawn(self) -> None:
         _, anchor, stored = example()
@@ -202,6 +224,5 @@ class TestField:
         parameters.limit()
         bound = OPACITY.most
         np.testing.assert_allclose(parameters.gop().log_opacity[:2], [bound, -bound], atol=1e-5)
-        assert not parameters.raw["log_opacity"][
-            2:
-        ].any()  # what lies within stays exactly unchanged
+        # What lies within stays exactly unchanged.
+        assert not parameters.stored().log_opacity[2:].any()

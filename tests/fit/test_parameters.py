@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -67,12 +68,13 @@ class TestExport:
 
     def test_what_is_fixed_is_not_trained(self, start: Gop) -> None:
         parameters = Parameters(start, "hybrid", BACKEND)
-        rounded = {"position": np.round(start.position, 1), "indicator": start.indicator.round()}
-        parameters.fix(rounded)
+        position, indicator = np.round(start.position, 1), start.indicator.round()
+        rounded = replace(start, position=position, indicator=indicator)
+        parameters.fix(("position", "indicator"), rounded)
         assert {"position", "indicator"}.isdisjoint(parameters.raw)
         gop = parameters.gop()
-        np.testing.assert_array_equal(gop.position, rounded["position"].clip(-0.99 * 2, 0.99 * 2))
-        np.testing.assert_array_equal(gop.indicator, rounded["indicator"])
+        np.testing.assert_array_equal(gop.position, position.clip(-0.99 * 2, 0.99 * 2))
+        np.testing.assert_array_equal(gop.indicator, indicator)
 
     def test_what_stands_behind_is_drawn_but_not_trained(self, start: Gop) -> None:
         bare = still(making.random_gop(np.random.default_rng(6), 9, (0, 0, 0)))

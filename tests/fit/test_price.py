@@ -43,33 +43,38 @@ def test_it_draws_values_to_nothing(
     parameters = make()
     found = prices(parameters)
     for name in names:
-        value, slope = parameters.raw[name].numpy()[part].ravel(), found[name][part].ravel()
+        value, slope = parameters.changes()[name].numpy()[part].ravel(), found[name][part].ravel()
         # 1 was added to each slope and taken away again.
         np.testing.assert_array_equal(np.sign(slope), np.sign(value))
         order = np.argsort(np.abs(value))
         assert (np.diff(np.abs(slope)[order]) <= 1e-6).all() or len(STEPS[name]) > 1
 
 
+#: The motion of 28 Gaussians that stand still.
+STILL = {name: np.zeros((28, 2), np.float32) for name in ("linear", "quadratic")}
+#: The looks of 28 Gaussians of which nothing is stored.
+NOTHING = {
+    "position": np.zeros((28, 2), np.float32),
+    "log_scale": np.zeros((28, 2), np.float32),
+    "rotation": np.zeros(28, np.float32),
+    "colour": np.zeros((28, 3), np.float32),
+    "log_opacity": np.zeros(28, np.float32),
+}
+
+
 @pytest.mark.parametrize("make", [key, predicted])
-def test_the_usual_costs_nothing(make: Callable[[], Parameters]) -> None:
-    parameters = make()
-    parameters.raw["log_opacity"][:] = 0
-    parameters.raw["log_scale"][:] = 0 if parameters.anchor else 1.5
-    for name in ("position", "rotation", "colour"):
-        parameters.raw[name][:] = 0
-    found = prices(parameters)
+def test_the_usual_costs_nothing(make: Callable[..., Parameters]) -> None:
+    found = prices(make("hybrid", **NOTHING, **STILL))
     assert not any(found[name].any() for name in LOOK)
 
 
 @pytest.mark.parametrize("make", [key, predicted])
 def test_motion_pays_where_it_differs_from_that_of_its_neighbours(
-    make: Callable[[], Parameters],
+    make: Callable[..., Parameters],
 ) -> None:
-    parameters = make()
-    for name in ("linear", "quadratic"):
-        parameters.raw[name][:] = 0.25
-        parameters.raw[name][9, 0] = 0.5
-    found = prices(parameters)
+    way = np.full((28, 2), 0.25, np.float32)
+    way[9, 0] = 0.5
+    found = prices(make("hybrid", **NOTHING, linear=way, quadratic=way))
     for name in ("linear", "quadratic"):
         apart = found[name][:, 0]
         assert apart[9] > 0
@@ -77,6 +82,19 @@ def test_motion_pays_where_it_differs_from_that_of_its_neighbours(
         assert (apart[[8, 10]] < 0).all()
         assert not apart[27]
         assert not found[name][:, 1].any()
+
+
+def test_motion_pays_for_the_place_that_follows_it() -> None:
+    """Where the reference leaves a Gaussian, which is stored, its motion begins."""
+    place = np.zeros((28, 2), np.float32)
+    place[:CARRIED, 0] = 0.5
+    parameters = predicted("hybrid", **NOTHING | STILL | {"position": place})
+    found = prices(parameters)
+    assert parameters.anchor is not None
+    start = parameters.anchor.start
+    for name, factor in (("linear", start), ("quadratic", start**2)):
+        np.testing.assert_allclose(found[name], factor * found["position"], rtol=1e-4, atol=1e-6)
+        assert found[name][:CARRIED, 0].all()
 
 
 def test_what_is_not_trained_is_no_matter() -> None:
@@ -112,7 +130,7 @@ def test_slopes_stay_until_it_looks_again() -> None:
     assert not added().any()
     price.look(parameters)
     first = added()
-    parameters.raw["position"][:] *= -3
+    parameters.raw["position"] -= 4 * parameters.changes()["position"]
     np.testing.assert_array_equal(added(), first)
     price.look(parameters)
     second = added()

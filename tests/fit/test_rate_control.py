@@ -41,6 +41,7 @@ class MadeUp:
     slope: float = 0.6  #: size falls as qscale**-slope
     share: float = 0.0  #: what the quick choice of codecs takes more: a fraction of the size,
     more: int = 0  #: and bytes
+    added: float = 0.0  #: what tuning adds to a size: a fraction of it
     exact: list[float] = field(default_factory=list)  #: qscales whose size was asked for exactly
     trials: list[int] = field(default_factory=list)  #: of each quantisation
 
@@ -65,7 +66,10 @@ class MadeUp:
         self.trials.append(trials)
         left = 1.0 if self.left is None else self.left
         psnr = self.psnr - left * (self.psnr - self.quality(qscale))
-        return Stored(psnr, self.bytes(qscale), qscale)
+        return Stored(psnr, int((1 + self.added) * self.bytes(qscale)), qscale)
+
+    def stored_bytes(self, result: Stored) -> int:
+        return result.bytes
 
 
 def test_it_is_a_candidate() -> None:
@@ -104,9 +108,18 @@ class TestSize:
         stored = quantise_to_size(MadeUp(), 20_000)
         assert stored.bytes <= (1 - RATE_CONTROL.size_room) * 20_000 + 1
 
+    @pytest.mark.parametrize("added", [0.002, 0.01, 0.05])
+    def test_what_tuning_adds_is_made_up_for(self, added: float) -> None:
+        candidate = MadeUp(added=added, share=0.02)
+        stored = quantise_to_size(candidate, 20_000)
+        assert 0.98 * 20_000 < stored.bytes <= 20_000
+        assert len(candidate.trials) == 1 + (added > RATE_CONTROL.size_room)
+
     @pytest.mark.parametrize(("size", "end"), [(10**9, 0.5), (1, COARSEST)])
     def test_out_of_reach(self, size: int, end: float) -> None:
-        assert quantise_to_size(MadeUp(share=0.02), size).qscale == pytest.approx(end)
+        candidate = MadeUp(share=0.02, added=0.05)
+        assert quantise_to_size(candidate, size).qscale == pytest.approx(end)
+        assert candidate.trials == [1]
 
 
 class TestNearSize:
