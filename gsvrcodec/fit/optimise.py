@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved, some_frames
 from gsvrcodec.fit.parameters import Parameters, Tensors
-from gsvrcodec.fit.precision import sensitivities
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
 from gsvrcodec.fit.relocate import losses, relocate, reorder
@@ -207,7 +206,7 @@ class _Descent:
 
     def prune(self, slope: Slope) -> None:
         """Drop the Gaussians that are not worth their bits."""
-        self._rearranged(_prune(self._parameters, self._footage, slope, self._rng))
+        self._rearranged(_prune(self._parameters, self._footage, slope))
 
     def refine(self) -> None:
         """End the coarse stage, if it has not ended: show frames of the whole size."""
@@ -298,13 +297,10 @@ def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: floa
     return min(max(wanted, now // 2), 2 * now) - now
 
 
-def _prune(
-    parameters: Parameters, footage: Footage, slope: Slope, rng: np.random.Generator
-) -> NDArray[np.intp]:
+def _prune(parameters: Parameters, footage: Footage, slope: Slope) -> NDArray[np.intp]:
     """Drop Gaussians that are not worth their bits, and return which are left."""
     gop = parameters.gop()
-    found = sensitivities(footage, gop, rng, parameters.backend)
-    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, found, parameters.backend)))
+    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, parameters.backend)))
     parameters.rearrange(left)
     return left
 

@@ -308,26 +308,35 @@ def with_usual_opacity(gop: Gop, new: NDArray[np.bool_], sensitivities: Gop, qsc
 
 
 def with_unchanged(
-    stored: Gop, carried: NDArray[np.bool_], sensitivities: Gop, steps: Steps, qscale: float
+    stored: Gop,
+    carried: NDArray[np.bool_],
+    sensitivities: Sequence[Gop],
+    steps: Steps,
+    qscale: float,
 ) -> Gop:
     """Undo the changes of carried Gaussians that are worth less than their bits.
 
     Args:
         stored: The GOP to be stored, relative to its anchor.
         carried: (N,) Gaussians of the reference.
-        sensitivities: Squared error of a change of each parameter by one.
+        sensitivities: Squared error of a change of each parameter by one, in several states of the
+            GOP of which the worst counts: what has been hidden by a change would show without it.
         steps: Quantiser steps.
         qscale: Factor of the steps.
     """
-    loss, bits = np.zeros(len(stored)), np.full(len(stored), PREDICTION.change_bits)
+    losses, bits = np.zeros((len(sensitivities), len(stored))), PREDICTION.change_bits
     for name in LOOK:
         change = getattr(stored, name).reshape(len(stored), -1)
-        loss += (getattr(sensitivities, name).reshape(change.shape) * np.square(change)).sum(axis=1)
-        bits += np.log2(1 + np.abs(change) / np.array(steps[name])).sum(axis=1)
-    undone = carried & (loss < PREDICTION.undone * bits * bit_worth(qscale))
-    changes = {}
-    for name in LOOK:
-        value = getattr(stored, name).copy()
-        value[undone] = 0
-        changes[name] = value
-    return replace(stored, **changes)
+        for loss, own in zip(losses, sensitivities, strict=True):
+            loss += (getattr(own, name).reshape(change.shape) * np.square(change)).sum(axis=1)
+        bits = bits + np.log2(1 + np.abs(change) / np.array(steps[name])).sum(axis=1)
+    loss = losses.max(axis=0)
+    return without_changes(stored, carried & (loss < PREDICTION.undone * bits * bit_worth(qscale)))
+
+
+def without_changes(stored: Gop, chosen: NDArray[np.bool_]) -> Gop:
+    """Undo what some carried Gaussians, (N,), change of their look."""
+    values = {name: getattr(stored, name).copy() for name in LOOK}
+    for value in values.values():
+        value[chosen] = 0
+    return replace(stored, **values)

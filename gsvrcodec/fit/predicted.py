@@ -184,7 +184,7 @@ def _strongest(look: Look, footage: Footage, count: int, backend: Backend) -> ND
         return np.arange(len(look.position))
     gop = static_gop(*_values(look))
     now, size = np.zeros(1, np.float32), footage.size
-    found = effects(gop, sums_at(gop, now, size, size, backend), size)
+    found = effects(gop, sums_at(gop, now, size, size, backend), size, backend)
     return np.sort(np.argsort(-found, kind="stable")[:count])
 
 

@@ -25,6 +25,7 @@ from gsvrcodec.fit.precision import (
     with_static,
     with_unchanged,
     with_usual_opacity,
+    without_changes,
 )
 from gsvrcodec.fit.recipe import MAIN, Deform, FitOptions, Recipe
 from gsvrcodec.fit.relocate import losses
@@ -174,6 +175,8 @@ class QuantisedFit:
     at_rest: Gop | None = None
     #: sensitivities of a predicted GOP if its places make up for changes of motion
     in_place: Gop | None = None
+    #: sensitivities of a predicted GOP if what is carried over did not change
+    unchanged: Gop | None = None
     slope: Slope | None = None  #: what Gaussians have to be worth; None = all are stored
 
     @property
@@ -238,8 +241,10 @@ class QuantisedFit:
     def _stored_changes(self, gop: Gop, anchor: Anchor, qscale: float) -> tuple[Gop, Precision]:
         """What a predicted GOP stores, and how finely."""
         assert self.in_place is not None
+        assert self.unchanged is not None
         steps = equal_slope_steps(self.sensitivities, qscale)
-        gop = with_unchanged(gop, anchor.carried, self.sensitivities, steps, qscale)
+        states = self.sensitivities, self.unchanged
+        gop = with_unchanged(gop, anchor.carried, states, steps, qscale)
         # Where no change of a place is stored, none can make up for rounded motion.
         alone = (anchor.carried & unchanged(gop))[:, None]
         motion = {
@@ -271,14 +276,16 @@ def quantisable(
     With a slope, Gaussians of a key GOP that are not worth their bits are left out.
     """
     rng, gop = np.random.default_rng(seed), fit.drawn(fit.gop)
-    at_rest = in_place = None
+    at_rest = in_place = as_before = None
     if fit.anchor is None:
         found = sensitivities(fit.footage, gop, rng, backend)
     else:
         of_motion = partial(sensitivities_of_motion, fit.footage, anchor=fit.anchor)
         found, in_place = of_motion(gop, rng, backend)
         at_rest, _ = of_motion(fit.drawn(still(fit.gop)), rng, backend, frames=2)
-    without = losses(gop, fit.footage, found, backend)
+        before = fit.drawn(without_changes(fit.gop, fit.anchor.carried))
+        as_before = sensitivities(fit.footage, before, rng, backend, frames=2)
+    added = losses(gop, fit.footage, backend)
     return QuantisedFit(
-        fit, found, without, options, backend, measure, seed, at_rest, in_place, slope
+        fit, found, added, options, backend, measure, seed, at_rest, in_place, as_before, slope
     )

@@ -13,7 +13,8 @@ from gsvrcodec.fit.footage import Footage, Frames, Moving, some_frames
 from gsvrcodec.fit.parameters import Parameters
 from gsvrcodec.fit.tuned import EFFECT, RELOCATION
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY
+from gsvrcodec.model.prediction import arrays_of, look_at
+from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.native import _core
 from gsvrcodec.render.backend import Backend, Size
@@ -30,76 +31,43 @@ def sums_at(
 
 
 def effects(
-    gop: Gop, pictures: Iterable[tuple[float, Float32Array]], coded_size: Size
+    gop: Gop, pictures: Iterable[tuple[float, Float32Array]], coded_size: Size, backend: Backend
 ) -> NDArray[np.float64]:
-    """Squared change of the picture without each Gaussian, about.
+    """Squared change of pictures without each Gaussian, summed over colours and pixels.
 
     A Gaussian of the colour c that has the share s of the weights at a pixel of the colour P
-    changes it by s / (1 - s) (P - c) when it leaves. The change at its centre, or where the frame
-    is nearest to that, stands for that over its area. Offsets of the tri-plane are left out: they
-    are small, and take long to look up.
+    changes it by s / (1 - s) (P - c) when it leaves. The square of that is looked at in 24 places
+    around the centre and integrated by the rule of Gauss and Laguerre.
 
     Args:
         gop: N Gaussians.
         pictures: Normalised times, and the sums (h, w, 4) of these Gaussians and all others
             then; see `sums_at`.
         coded_size: Width and height of the coded frame, pixels.
+        backend: Says how pictures are formed.
 
     Returns:
         (N,) 0 for Gaussians that do not reach into the frame at the times that are looked at.
     """
     total = np.zeros(len(gop))
     for tau, sums in pictures:
-        total += _effects_at(gop, tau, sums, coded_size)
+        look = arrays_of(look_at(gop, tau, backend.blending))
+        _core.add_effects(look, sums, *coded_size, total, backend.threads)
     return total
 
 
-def _effects_at(gop: Gop, tau: float, sums: Float32Array, coded_size: Size) -> NDArray[np.float64]:
-    """`effects` in one picture."""
-    x, y, own = _weights(gop, tau, (sums.shape[1], sums.shape[0]), coded_size)
-    there = sums[y, x].astype(np.float64)
-    weight = there[:, 3] + GROUND
-    share = np.minimum(own / weight, EFFECT.most_share)
-    apart = there[:, :3] / weight[:, None] - gop.colour
-    change = np.square(share / (1 - share)) * np.square(apart).sum(axis=1)
-    return np.asarray(change * np.exp(gop.log_scale.sum(axis=1)))
-
-
-def losses(gop: Gop, footage: Footage, sensitivities: Gop, backend: Backend) -> NDArray[np.float64]:
+def losses(gop: Gop, footage: Footage, backend: Backend) -> NDArray[np.float64]:
     """Squared error that is added without each Gaussian, over all frames, 8-bit codes.
 
-    The sensitivity of the logarithm of its opacity is the sum of s^2 (P - c)^2 over all pixels,
-    with s and P as in `effects`; its share where its centre is stands for the rest.
-
     Args:
-        gop: N Gaussians.
+        gop: N Gaussians, which fit the frames: their errors do not depend on them.
         footage: The frames that show them.
-        sensitivities: Squared error of a change of each parameter by one.
         backend: Draws.
     """
     drawn = gop if footage.background is None else append_gaussians(gop, footage.background)
     taus, size = footage.taus[some_frames(len(footage.taus), EFFECT.frames)], footage.size
-    most = np.zeros(len(gop))
-    for tau, sums in sums_at(drawn, taus, size, size, backend):
-        x, y, own = _weights(gop, tau, size, size)
-        most = np.maximum(most, own / (sums[y, x, 3] + GROUND))
-    others = 1 - np.minimum(most, EFFECT.most_lost)
-    return np.asarray(sensitivities.log_opacity / np.square(others))
-
-
-def _weights(
-    gop: Gop, tau: float, size: Size, coded_size: Size
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Pixels nearest to the centres, columns and rows, and the weights of the Gaussians there."""
-    position = gop.position + tau * (gop.linear + tau * gop.quadratic)
-    centre = (position + 1) / 2 * np.array(size)
-    near = np.clip(centre, 0.5, np.array(size) - 0.5)
-    x, y = ((near - centre) * np.array(coded_size) / size).T
-    sine, cosine = np.sin(gop.rotation), np.cos(gop.rotation)
-    along = np.stack([cosine * x + sine * y, cosine * y - sine * x], 1) / np.exp(gop.log_scale)
-    weight = np.exp(-np.square(along).sum(axis=1) / 2) - CUTOFF
-    column, row = near.astype(np.intp).T
-    return column, row, np.exp(gop.log_opacity) * np.maximum(weight, 0)
+    found = effects(gop, sums_at(drawn, taus, size, size, backend), size, backend)
+    return found * (255.0**2 / 3 * len(footage.taus) / len(taus))
 
 
 def relocate(
@@ -137,8 +105,8 @@ def relocate(
         size = frames.shape[2], frames.shape[1]
         shown = some_frames(len(taus), EFFECT.frames)
         pictures = sums_at(parameters.drawn(), taus[shown], size, coded_size, parameters.backend)
-        weakest = np.argsort(effects(parameters.gop(), pictures, coded_size), kind="stable")
-        taken = np.sort(weakest[leaving:])
+        found = effects(parameters.gop(), pictures, coded_size, parameters.backend)
+        taken = np.sort(np.argsort(found, kind="stable")[leaving:])
     if more:
         # Copies that hardly show are the weakest, so that they move.
         taken = np.concatenate([np.zeros(added, np.intp), taken])
@@ -168,7 +136,7 @@ def move_weakest(
     pictures = sums_at(parameters.drawn(), taus[shown], size, coded_size, parameters.backend)
     for index, (tau, sums) in zip(shown, pictures, strict=True):
         if index in looked_at:
-            found += _effects_at(gop, tau, sums, coded_size)
+            found += effects(gop, [(tau, sums)], coded_size, parameters.backend)
         weights.append(sums[..., 3] + GROUND)
         errors.append(_error(sums, frames[index]))
     weakest = np.argsort(found, kind="stable")[:count]

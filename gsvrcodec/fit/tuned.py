@@ -94,8 +94,6 @@ class _Effect:
     """What a picture would lose without a Gaussian."""
 
     frames: int = 3  #: frames that are looked at
-    most_share: float = 0.9999  #: cap on the share of the weights, for an effect
-    most_lost: float = 0.95  #: cap on the share of the weights, for an added error
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,7 +85,7 @@ def look_at(gop: Gop, tau: float, blending: Blending = "mean") -> Look:
         New arrays, which share no memory with `gop`.
     """
     look = Look(*(np.empty_like(getattr(gop, name)) for name in _LOOK))
-    _core.look_at(parameters_of(gop), tau, blending == "mean", _arrays(look))
+    _core.look_at(parameters_of(gop), tau, blending == "mean", arrays_of(look))
     return look
 
 
@@ -136,13 +136,13 @@ def carry_over(
     whole = resized(new, kept + len(new))
     end, start = last_time(frames[0]), start_of_motion(frames[1])
     motion = carried.indicator, carried.linear, carried.quadratic
-    how = carried.mode, _arrays(carried), *motion, start, _BOUNDS
+    how = carried.mode, arrays_of(carried), *motion, start, _BOUNDS
     _core.carry_over(parameters_of(reference), end, blending == "mean", *how, parameters_of(whole))
     for name in GAUSSIAN_ATTRIBUTES:
         getattr(whole, name)[kept:] = getattr(new, name)
     return whole
 
 
-def _arrays(look: Look | Carried) -> _core.Look:
+def arrays_of(look: Look | Carried) -> _core.Look:
     """Return the core's view of a look, or of the changes of one: no copy."""
     return _core.Look(*(getattr(look, name) for name in _LOOK))

@@ -104,6 +104,20 @@ def pixel_errors(sums: Array, target: Array, out: Array) -> None:
         out: receives the errors.
     """
 
+def add_effects(
+    look: Look, sums: Array, coded_width: int, coded_height: int, out: Array, threads: int = 0
+) -> None:
+    """Add the squared change of a picture without each Gaussian, summed over colours and pixels.
+
+    Args:
+        look: N Gaussians as drawn.
+        sums: (H, W, 4) float32, of these Gaussians and all others, as `render_sums` writes them.
+        coded_width: of the frame that scales are relative to, pixels.
+        coded_height: likewise.
+        out: (N,) float64, added to.
+        threads: 0 = GSVR_THREADS or all cores.
+    """
+
 def backward_float(
     parameters: Parameters,
     tau: float,

@@ -7,6 +7,7 @@
 
 #include <initializer_list>
 
+#include "model/gaussians.hpp"
 #include "render/core.hpp"
 
 namespace nb = nanobind;
@@ -85,6 +86,20 @@ struct Parameters {
     bool same_shape(const Parameters &other) const {
         return arrays.n == other.arrays.n && arrays.gx == other.arrays.gx &&
                arrays.gy == other.arrays.gy && arrays.gt == other.arrays.gt;
+    }
+};
+
+// Checks the five arrays of a look of n Gaussians, and keeps them alive.
+struct Look {
+    Floats position, log_scale, rotation, colour, log_opacity;
+
+    gsvr::LookArrays arrays(std::size_t n) const {
+        require(has_shape(position, {n, 2}) && has_shape(log_scale, {n, 2}) &&
+                    has_shape(rotation, {n}) && has_shape(colour, {n, 3}) &&
+                    has_shape(log_opacity, {n}),
+                "the arrays of a look must be (N, 2), (N, 2), (N,), (N, 3) and (N,)");
+        return {position.data(), log_scale.data(), rotation.data(), colour.data(),
+                log_opacity.data()};
     }
 };
 

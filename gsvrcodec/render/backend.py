@@ -61,6 +61,7 @@ class Backend(ABC):
     blending: Blending  #: how pictures are formed
     #: whether a step takes less time if it leaves out some tiles of a frame
     skips_tiles: bool = False
+    threads: int = 0  #: for what is computed on the CPU; 0 = GSVR_THREADS or all cores
 
     @abstractmethod
     def prepare(self, gop: Gop) -> Prepared:

@@ -25,7 +25,7 @@ class NativeBackend(Backend):
 
     def __init__(self, threads: int = 0, blending: Blending = "mean") -> None:
         """Use so many native threads; 0 = GSVR_THREADS or all cores."""
-        self.blending = blending
+        self.blending, self.threads = blending, threads
         self._how = blending == "mean", threads
 
     def prepare(self, gop: Gop) -> _core.Parameters:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.precision import sensitivities, still
+from gsvrcodec.fit.precision import still
 from gsvrcodec.fit.relocate import effects, losses, sums_at
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.static import append_gaussians, select_gaussians, static_gop
@@ -60,26 +60,20 @@ def ranks(values: NDArray[np.float64]) -> NDArray[np.intp]:
 
 def effects_of(gop: Gop, behind: Gop) -> NDArray[np.float64]:
     drawn = append_gaussians(gop, behind)
-    return effects(gop, sums_at(drawn, NOW, SIZE, SIZE, BACKEND), SIZE)
+    return effects(gop, sums_at(drawn, NOW, SIZE, SIZE, BACKEND), SIZE, BACKEND)
 
 
 def losses_of(gop: Gop, frames: Frames, behind: Gop | None) -> NDArray[np.float64]:
-    """In the mean of several draws of the sensitivities."""
-    shots = footage(frames, behind)
-    found = []
-    for seed in range(12):
-        draw = np.random.default_rng(seed)
-        found.append(losses(gop, shots, sensitivities(shots, gop, draw, BACKEND), BACKEND))
-    return np.asarray(np.mean(found, axis=0))
+    return losses(gop, footage(frames, behind), BACKEND)
 
 
 class TestEffects:
-    def test_they_are_in_proportion_to_the_change(self) -> None:
+    def test_they_are_the_change(self) -> None:
         gop, behind = crowd(), covering()
         found, true = effects_of(gop, behind), changes(gop, behind)
-        assert np.corrcoef(ranks(found), ranks(true))[0, 1] > 0.93
-        ratio = np.log(found / true)
-        assert np.abs(ratio - np.median(ratio)).mean() < 0.3
+        assert np.corrcoef(ranks(found), ranks(true))[0, 1] > 0.995
+        np.testing.assert_allclose(found, true, rtol=0.25)
+        assert found.sum() == pytest.approx(true.sum(), rel=0.05)
 
     def test_in_the_colour_of_the_picture_there_is_none(self) -> None:
         gop, behind = crowd(1), covering()
@@ -99,7 +93,7 @@ class TestEffects:
         gop.linear[1] = 0.8, 0.0
         taus = np.array([-1, 0, 1], np.float32)
         drawn = append_gaussians(gop, covering())
-        found = effects(gop, sums_at(drawn, taus, SIZE, SIZE, BACKEND), SIZE)
+        found = effects(gop, sums_at(drawn, taus, SIZE, SIZE, BACKEND), SIZE, BACKEND)
         assert (found > 0).tolist() == [False, True]
 
     def test_what_is_alone_counts_most(self) -> None:
@@ -107,7 +101,7 @@ class TestEffects:
         gop = crowd(3)
         gop.position[:] = (-0.5, 0), (0.5, 0), (0.5, 0)
         gop.log_scale[:], gop.log_opacity[:], gop.colour[:] = 1.0, 0.0, 0.7
-        found = effects(gop, sums_at(gop, NOW, SIZE, SIZE, BACKEND), SIZE)
+        found = effects(gop, sums_at(gop, NOW, SIZE, SIZE, BACKEND), SIZE, BACKEND)
         assert found[0] > 100 * found[1:].max()
 
 
@@ -123,10 +117,9 @@ class TestLosses:
             found = losses_of(gop, codes[None], others)
         else:
             found = losses_of(whole, codes[None], None)[:-1]
-        assert np.corrcoef(ranks(found), ranks(true))[0, 1] > 0.93
-        assert np.median(found / true) == pytest.approx(1, rel=0.35)
-        # Where one has nearly all the weights at its centre, it is worth less farther out.
-        assert true.sum() < found.sum() < 2.5 * true.sum()
+        assert np.corrcoef(ranks(found), ranks(true))[0, 1] > 0.995
+        np.testing.assert_allclose(found, true, rtol=0.25)
+        assert found.sum() == pytest.approx(true.sum(), rel=0.05)
 
     def test_they_add_up_over_the_frames(self) -> None:
         gop, behind = still(crowd()), covering()

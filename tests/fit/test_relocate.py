@@ -122,7 +122,8 @@ def test_the_weakest_leave() -> None:
     parameters = started(frames, 300)
     parameters.raw["log_opacity"].data[20:50] = -11
     before = parameters.gop()
-    found = effects(before, sums_at(before, times(2), (40, 30), (40, 30), BACKEND), (40, 30))
+    pictures = sums_at(before, times(2), (40, 30), (40, 30), BACKEND)
+    found = effects(before, pictures, (40, 30), BACKEND)
     args = frames, times(2), (40, 30), np.random.default_rng(1), 0.1
     order, new = relocate(parameters, *args, more=-30)
     after = parameters.gop()

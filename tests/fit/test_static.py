@@ -111,7 +111,7 @@ class TestUnchanged:
     def test_what_hardly_changes_is_undone(self) -> None:
         gop = self.changed()
         found = _sensitivities(gop)
-        stored = with_unchanged(gop, self.CARRIED, found, equal_slope_steps(found, 1.0), 1.0)
+        stored = with_unchanged(gop, self.CARRIED, [found], equal_slope_steps(found, 1.0), 1.0)
         for name in LOOK:
             before, after = getattr(gop, name), getattr(stored, name)
             np.testing.assert_array_equal(after[:10], before[:10])
@@ -126,7 +126,7 @@ class TestUnchanged:
         gop = self.changed()
         found = _sensitivities(gop)
         steps = equal_slope_steps(found, qscale)
-        stored = with_unchanged(gop, self.CARRIED, found, steps, qscale)
+        stored = with_unchanged(gop, self.CARRIED, [found], steps, qscale)
         assert stored.colour[:30].any(axis=1).sum() == changed
         assert stored.colour[30:].any(axis=1).all()
 
@@ -136,6 +136,18 @@ class TestUnchanged:
         steps = equal_slope_steps(found, 1.0)
         for name in LOOK:
             getattr(found, name)[:5] = 0
-        stored = with_unchanged(gop, self.CARRIED, found, steps, 1.0)
+        stored = with_unchanged(gop, self.CARRIED, [found], steps, 1.0)
         assert not stored.colour[:5].any()
         assert stored.colour[5:10].all()
+
+    def test_what_would_show_without_the_change_stays(self) -> None:
+        """As where a change has hidden a Gaussian: then it is sensitive in another state alone."""
+        gop = self.changed()
+        hidden, shown = _sensitivities(gop), _sensitivities(gop)
+        steps = equal_slope_steps(shown, 1.0)
+        for name in LOOK:
+            getattr(hidden, name)[:10] = 0
+        for states in ([hidden, shown], [shown, hidden]):
+            stored = with_unchanged(gop, self.CARRIED, states, steps, 1.0)
+            assert stored.colour[:10].all()
+            assert not stored.colour[10:30].any()

@@ -23,20 +23,6 @@ struct ArrayOf<T, 2> {
 template <class T, int Axes>
 using Array = typename ArrayOf<T, Axes>::Type;
 
-// Checks the five arrays of a look of n Gaussians, and keeps them alive.
-struct Look {
-    Floats position, log_scale, rotation, colour, log_opacity;
-
-    gsvr::LookArrays arrays(std::size_t n) const {
-        require(has_shape(position, {n, 2}) && has_shape(log_scale, {n, 2}) &&
-                    has_shape(rotation, {n}) && has_shape(colour, {n, 3}) &&
-                    has_shape(log_opacity, {n}),
-                "the arrays of a look must be (N, 2), (N, 2), (N,), (N, 3) and (N,)");
-        return {position.data(), log_scale.data(), rotation.data(), colour.data(),
-                log_opacity.data()};
-    }
-};
-
 void look_at(const Parameters &parameters, double tau, bool mean, const Look &look) {
     const gsvr::LookArrays out = look.arrays(parameters.position.shape(0));
     nb::gil_scoped_release release;

@@ -6,6 +6,7 @@
 
 #include "../arrays.hpp"
 #include "core.hpp"
+#include "effects.hpp"
 #include "isa.hpp"
 #include "pool.hpp"
 #include "reconstruction.hpp"
@@ -74,6 +75,19 @@ void pixel_errors(Sums sums, Image<const std::uint8_t> target, Plane out) {
     require(same(target) && same(out), "sums, target and out must be of one size");
     nb::gil_scoped_release release;
     gsvr::pixel_errors(sums.data(), target.data(), out.size(), out.data());
+}
+
+void add_effects(const Look &look, Sums sums, int coded_width, int coded_height,
+                 nb::ndarray<double, nb::shape<-1>, nb::c_contig, nb::device::cpu> out,
+                 int threads) {
+    const std::size_t n = out.shape(0);
+    require(n < (1u << 28), "too many Gaussians");
+    const gsvr::LookArrays arrays = look.arrays(n);
+    const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
+    const gsvr::Size coded = checked(coded_width, coded_height);
+    threads = gsvr::resolve_threads(threads);
+    nb::gil_scoped_release release;
+    gsvr::add_effects(arrays, static_cast<int>(n), sums.data(), size, coded, threads, out.data());
 }
 
 void init_backdrop(gsvr::Backdrop *self, Sums sums) {
@@ -232,6 +246,8 @@ NB_MODULE(_core, m) {
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("pixel_errors", &pixel_errors, "sums"_a, "target"_a, "out"_a);
+    m.def("add_effects", &add_effects, "look"_a, "sums"_a, "coded_width"_a, "coded_height"_a,
+          exact("out"), "threads"_a = 0);
     m.def("squared_error", &squared_error, "parameters"_a, "tau"_a, "target"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none(),
           "weights"_a.none() = nb::none());
