@@ -10,7 +10,7 @@ from statistics import fmean
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.film_target import Numbers
-from gsvrcodec.encoder.rate import bit_weights
+from gsvrcodec.encoder.rate import bit_weights, lasting
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import CHAIN, RATE
 from gsvrcodec.errors import UsageError
@@ -178,15 +178,14 @@ def plan(
         shares = [least + spare * weight / sum(weights) for weight in weights]
         most = round(min(most_gaussians(size), _most_gaussians(chain, weights, settings)))
         gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), most))
-        frames = sum(map(len, chain))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
             grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
             cost = 1.0
             if number:
                 changing = min(1.0, weights[number])
                 cost = CHAIN.idle_step + (1 - CHAIN.idle_step) * changing
-            lasting = 1.0 if number else frames / len(gop) / sum(weights)
-            own = target.of_gop(bits_of_gop, most, lasting)
+            lasts = 1.0 if number else lasting(chain, stats, psnr)
+            own = target.of_gop(bits_of_gop, most, lasts)
             budgets.append(Budget(gaussians, own, grid, cost))
     return budgets
 

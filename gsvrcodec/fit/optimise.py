@@ -23,10 +23,10 @@ from gsvrcodec.fit.relocate import losses, relocate, reorder
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tiles import Tiles
-from gsvrcodec.fit.tuned import EFFORT, PREDICTION, PRICE, RELOCATION
-from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.fit.tuned import EFFORT, PREDICTION, PRICE, RELOCATION, SLOPE
+from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import GROUND
-from gsvrcodec.render.backend import Samples, Scalar
+from gsvrcodec.render.backend import Samples, Scalar, Size
 
 #: Steps after which their pace is known.
 _PACE_STEPS = 10
@@ -293,16 +293,24 @@ def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: floa
     error = _squared_error(parameters, footage)
     if parameters.anchor is not None:
         error *= PREDICTION.numbers
-    wanted = slope.gaussians(footage.pixels, error, steps)
+    moving = float(moving_of(parameters.gop(), footage.size).mean())
+    wanted = slope.gaussians(footage.pixels, error, steps, moving)
     return min(max(wanted, now // 2), 2 * now) - now
 
 
 def _prune(parameters: Parameters, footage: Footage, slope: Slope) -> NDArray[np.intp]:
     """Drop Gaussians that are not worth their bits, and return which are left."""
     gop = parameters.gop()
-    left = np.flatnonzero(slope.worthwhile(losses(gop, footage, parameters.backend)))
+    found = losses(gop, footage, parameters.backend)
+    left = np.flatnonzero(slope.worthwhile(found, moving_of(gop, footage.size)))
     parameters.rearrange(left)
     return left
+
+
+def moving_of(gop: Gop, size: Size) -> NDArray[np.bool_]:
+    """Which Gaussians move by more than `SLOPE.moving_px`, (N,), in frames of this size."""
+    ways = [np.abs(way * (np.array(size) / 2)).max(axis=1) for way in (gop.linear, gop.quadratic)]
+    return np.asarray(sum(ways) > SLOPE.moving_px)
 
 
 def _squared_error(parameters: Parameters, footage: Footage) -> float:

@@ -234,7 +234,8 @@ class QuantisedFit:
             return self._stored_changes(gop, anchor, qscale)
         costs = self.sensitivities
         if self.slope is not None:
-            chosen = self.slope.worthwhile(self.losses)
+            moving = np.asarray(gop.linear.any(axis=1) | gop.quadratic.any(axis=1))
+            chosen = self.slope.worthwhile(self.losses, moving)
             gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
         return gop, refined_steps(gop, costs, qscale)
 

@@ -116,25 +116,31 @@ class Slope(Target):
         """Store at the qscale of the slope."""
         return candidate.quantised(self.stored_qscale)
 
-    def gaussians(self, pixels: int, error: float, steps: float) -> int:
+    def gaussians(self, pixels: int, error: float, steps: float, moving: float) -> int:
         """Return the number of Gaussians at which one more would save just enough.
 
         Args:
             pixels: Of all frames that show the GOP.
             error: Mean squared error so far, 8-bit codes.
             steps: Of the whole fit; each Gaussian is worth more after many of them.
+            moving: Share of the Gaussians that move.
         """
-        count = SLOPE.fall * error * pixels / (SLOPE.gaussian_bits * self.bit)
+        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
+        count = SLOPE.fall * error * pixels / (bits * self.bit)
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         return max(1, round(min(count, self.most)))
 
-    def worthwhile(self, losses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def worthwhile(
+        self, losses: NDArray[np.float64], moving: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
         """Return which Gaussians are worth their bits, (N,); at least one of them.
 
         Args:
             losses: (N,) squared error that is added without each Gaussian.
+            moving: (N,) which of them move.
         """
-        chosen: NDArray[np.bool_] = losses >= SLOPE.gaussian_bits * self.bit
+        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
+        chosen: NDArray[np.bool_] = losses >= bits * self.bit
         chosen[losses.argmax()] = True
         return chosen
 

@@ -112,7 +112,7 @@ class _Prediction:
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
     #: Gaussians that change, by the slope / as many as it calls for in a key GOP
-    numbers: float = 0.5
+    numbers: float = 0.6
     #: a GOP is not predicted if its start is below `lost`, and so much below its reference, unless
     #: so many of its Gaussians are kept as they are
     still: float = 0.5  #: share
@@ -192,9 +192,12 @@ class _Slope:
     """How many Gaussians a slope is worth."""
 
     fall: float = 0.7  #: power by which the squared error falls with the number of Gaussians
-    gaussian_bits: float = 64.0  #: that one Gaussian takes, and has to be worth
+    #: that one Gaussian takes, and has to be worth: one that stands still, and motion
+    gaussian_bits: float = 48.0
+    motion_bits: float = 45.0
+    moving_px: float = 0.5  #: of motion to the end of a GOP, above which a Gaussian moves
     growth: float = 0.2  #: power by which their number grows with the steps of the fit
-    steps: float = 600.0  #: of a fit with the number by `fall` and `gaussian_bits` alone
+    steps: float = 600.0  #: of a fit with the number by `fall` and bits alone
     lasting: float = 0.3  #: power of what a GOP lasts by which its steps are finer
 
 

@@ -190,7 +190,7 @@ class TestPredicted:
         self, key: tuple[GopJob, EncodedGop]
     ) -> None:
         counts = []
-        for qscale in (0.2, 8.0):
+        for qscale in (0.2, 2.0):
             target = Size(len(key[1].payload), exact=False)
             job = following(key, self.GOES_ON // 8 * 7, Budget(200, target))
             assert job.reference is not None

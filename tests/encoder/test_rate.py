@@ -11,6 +11,7 @@ from gsvrcodec.encoder.rate import (
     bit_weights,
     bpp_at,
     bpp_for,
+    lasting,
     qscale_of,
     visited_frames,
 )
@@ -22,6 +23,24 @@ from tests.encoder.chains import chains_of
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
 SIZE = (320, 180)
+
+
+class TestLasting:
+    """Two GOPs of four and six frames are predicted from one of four, one from the other."""
+
+    CHAIN = chains_of([4, 4, 6])[0]
+
+    @pytest.mark.parametrize(
+        ("first", "second", "frames"),
+        [(0.0, 0.0, 14), (1.0, 0.0, 4), (0.0, 1.0, 8), (0.5, 0.5, 9), (0.25, 0.5, 10)],
+    )
+    def test_until_the_picture_changes(self, first: float, second: float, frames: int) -> None:
+        changed = [0.0] * 4 + [first] * 4 + [second] * 6
+        stats = [FrameStats(0.0, False, changed=(share,) * 5) for share in changed]
+        assert lasting(self.CHAIN, stats, 36.0) == pytest.approx(frames / 4)
+
+    def test_a_gop_that_none_is_predicted_from(self) -> None:
+        assert lasting(chains_of([9])[0], STATS, 36.0) == 1
 
 
 class TestBitWeights:

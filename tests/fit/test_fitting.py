@@ -63,7 +63,7 @@ class TestFit:
     def test_their_number_follows_a_slope(self, shots: Footage) -> None:
         options, effort = FitOptions(), Allowance(150, None)
         counts = []
-        for slope in (Slope(2.0, 500), Slope(8.0, 500), Slope(2.0, 500, lasting=3.0), None):
+        for slope in (Slope(1.0, 500), Slope(4.0, 500), Slope(1.0, 500, lasting=3.0), None):
             found = fit_gop(shots, 100, GRID, options, effort, BACKEND, seed=(0, 7), slope=slope)
             assert_finite(found.gop)
             assert found.psnr == mean_psnr(found.gop, shots, BACKEND)
