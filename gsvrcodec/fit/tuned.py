@@ -194,7 +194,7 @@ class _Slope:
     fall: float = 0.7  #: power by which the squared error falls with the number of Gaussians
     #: that one Gaussian takes, and has to be worth: one that stands still, and motion
     gaussian_bits: float = 48.0
-    motion_bits: float = 45.0
+    motion_bits: float = 25.0
     moving_px: float = 0.5  #: of motion to the end of a GOP, above which a Gaussian moves
     growth: float = 0.2  #: power by which their number grows with the steps of the fit
     steps: float = 600.0  #: of a fit with the number by `fall` and bits alone
