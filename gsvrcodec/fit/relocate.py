@@ -60,7 +60,7 @@ def losses(gop: Gop, footage: Footage, backend: Backend) -> NDArray[np.float64]:
     """Squared error that is added without each Gaussian, over all frames, 8-bit codes.
 
     Args:
-        gop: N Gaussians, which fit the frames: their errors do not depend on them.
+        gop: N Gaussians of a fit, of which none would lessen the error by leaving.
         footage: The frames that show them.
         backend: Draws.
     """
