@@ -165,7 +165,6 @@ class QuantisedFit:
 
     fit: Fit
     sensitivities: Gop
-    losses: NDArray[np.float64]  #: (N,) squared error that is added without each Gaussian
     options: FitOptions
     backend: Backend
     measure: Measure
@@ -177,7 +176,10 @@ class QuantisedFit:
     in_place: Gop | None = None
     #: sensitivities of a predicted GOP if what is carried over did not change
     unchanged: Gop | None = None
-    slope: Slope | None = None  #: what Gaussians have to be worth; None = all are stored
+    slope: Slope | None = (
+        None  #: what Gaussians of a key GOP have to be worth; None = all are stored
+    )
+    losses: NDArray[np.float64] | None = None  #: (N,) squared error that is added without each
 
     @property
     def psnr(self) -> float:
@@ -233,7 +235,7 @@ class QuantisedFit:
         if anchor is not None:
             return self._stored_changes(gop, anchor, qscale)
         costs = self.sensitivities
-        if self.slope is not None:
+        if self.slope is not None and self.losses is not None:
             moving = np.asarray(gop.linear.any(axis=1) | gop.quadratic.any(axis=1))
             chosen = self.slope.worthwhile(self.losses, moving)
             gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
@@ -286,7 +288,6 @@ def quantisable(
         at_rest, _ = of_motion(fit.drawn(still(fit.gop)), rng, backend, frames=2)
         before = fit.drawn(without_changes(fit.gop, fit.anchor.carried))
         as_before = sensitivities(fit.footage, before, rng, backend, frames=2)
-    added = losses(gop, fit.footage, backend)
-    return QuantisedFit(
-        fit, found, added, options, backend, measure, seed, at_rest, in_place, as_before, slope
-    )
+    added = losses(gop, fit.footage, backend) if slope is not None and fit.anchor is None else None
+    states = at_rest, in_place, as_before
+    return QuantisedFit(fit, found, options, backend, measure, seed, *states, slope, added)
