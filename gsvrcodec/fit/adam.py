@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsvrcodec.fit.parameters import GRIDS, MOTION, Parameters, Tensors
 from gsvrcodec.fit.recipe import Recipe
-from gsvrcodec.render.backend import AdamPart, Backend, Scalar
+from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Scalar
 
 #: Attributes whose first two components are lengths along x and y.
 _LENGTHS = frozenset(("linear", "quadratic", "xy"))
@@ -71,19 +71,23 @@ def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tens
 class Adam:
     """Adam with a rate for each component of an attribute; positions move along their axes.
 
+    A number of a Gaussian stays where it is while the gradient of the present frame opposes its
+    momentum, if the recipe says so. The tri-plane takes all of its steps.
+
     Args:
         raw: what is optimised, by the names of `Gop`.
-        recipe: rates and betas.
+        recipe: rates and rule.
         size: width and height of the coded frame, pixels.
         backend: takes the steps.
     """
 
-    _EPSILON = 1e-15
-
     def __init__(
         self, raw: Tensors, recipe: Recipe, size: tuple[int, int], backend: Backend
     ) -> None:
-        self._raw, self._betas, self._backend = raw, recipe.betas, backend
+        self._raw, self._backend = raw, backend
+        gaussians = [name for name in raw if name not in GRIDS]
+        grids = [name for name in raw if name in GRIDS]
+        self._ruled = (gaussians, recipe.rule), (grids, AdamRule(recipe.rule.betas))
         self._size, self._along_axes = size, recipe.in_pixels
         self._parts: dict[str, AdamPart] = {}
         for name, tensor in raw.items():
@@ -116,10 +120,10 @@ class Adam:
             factor: of all rates.
             number: of this step, from 1.
         """
-        parts = self._parts
-        slopes = [gradients[name] for name in parts]
-        how = factor, self._betas, self._EPSILON, number
-        self._backend.adam_step(list(parts.values()), slopes, *how)
+        for names, rule in self._ruled:
+            slopes = [gradients[name] for name in names]
+            parts = [self._parts[name] for name in names]
+            self._backend.adam_step(parts, slopes, rule, factor, number)
 
     def rearrange(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Put the moments of all Gaussians into a new order; those that moved start anew."""

@@ -20,7 +20,7 @@ from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
 from gsvrcodec.model.quantise import PAPER_BITS, dequantised
-from gsvrcodec.render.backend import Backend
+from gsvrcodec.render.backend import AdamRule, Backend
 
 #: The publication's rates; no coarse stage.
 PAPER = Recipe(
@@ -30,7 +30,7 @@ PAPER = Recipe(
     },
     in_pixels=False,
     rated_steps=math.inf,
-    betas=(0.9, 0.999),
+    rule=AdamRule((0.9, 0.999)),
     decay=cosine,
     warm_up=1,
     coarse=0.0,

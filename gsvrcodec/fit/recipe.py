@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gsvrcodec.render.backend import AdamRule
+
 Deform = Literal["hybrid", "triplane", "polynomial"]
 Flow = Literal["dis", "raft"]
 Profile = Literal["main", "paper"]
@@ -30,7 +32,7 @@ class Recipe:
     #: along the axes of a Gaussian of mean scale; False = all are halves of the frame
     in_pixels: bool
     rated_steps: float  #: longest fit at these rates, steps; one n times as long takes rates/n^0.25
-    betas: tuple[float, float]  #: decay of Adam's two moments
+    rule: AdamRule  #: how Adam steps; the tri-plane takes all of its steps
     decay: Callable[[float], float]  #: factor of the rates, by the fraction of the effort spent
     warm_up: float  #: steps over which the rates grow to their full value; 1 = none
     coarse: float  #: fraction of the effort at half resolution
@@ -46,10 +48,6 @@ class Recipe:
 
 
 def _falling(spent: float) -> float:
-    return math.pow(1 - 0.98 * spent, 1.5)
-
-
-def _falling_linearly(spent: float) -> float:
     return 1 - 0.98 * spent
 
 
@@ -76,7 +74,7 @@ MAIN = Recipe(
     },
     in_pixels=True,
     rated_steps=700,
-    betas=(0.9, 0.9),
+    rule=AdamRule((0.9, 0.9), agreeing=1.3, opposing=0.0),
     decay=_falling,
     warm_up=8,
     coarse=0.22,
@@ -94,7 +92,6 @@ PREDICTED = replace(
         else (0.3 if name in ("log_scale", "rotation") else 0.5) * rate
         for name, rate in MAIN.rates.items()
     },
-    decay=_falling_linearly,
     coarse=0.0,
     relocations=(0.1, 0.2, 0.3),
     moving=0.05,

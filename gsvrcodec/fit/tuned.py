@@ -112,7 +112,7 @@ class _Prediction:
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
     #: Gaussians that change, by the slope / as many as it calls for in a key GOP
-    numbers: float = 0.6
+    numbers: float = 0.8
     #: a GOP is not predicted if its start is below `lost`, and so much below its reference, unless
     #: so many of its Gaussians are kept as they are
     still: float = 0.5  #: share

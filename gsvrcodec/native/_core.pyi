@@ -181,6 +181,8 @@ def adam_step(
     beta1: float,
     beta2: float,
     epsilon: float,
+    agreeing: float,
+    opposing: float,
     step: int,
     threads: int = 0,
 ) -> None:
@@ -193,6 +195,8 @@ def adam_step(
         beta1: decay of the first moments.
         beta2: decay of the second moments.
         epsilon: added to the root of the second moments.
+        agreeing: factor of a step of a number that the present gradient agrees with.
+        opposing: factor of a step of a number that the present gradient opposes.
         step: number of the step, from 1.
         threads: see above.
     """

@@ -28,6 +28,15 @@ Scalar = Any
 TILE = 256, 64
 
 
+class AdamRule(NamedTuple):
+    """How Adam steps: plainly by default."""
+
+    betas: tuple[float, float]  #: decay of the two moments
+    epsilon: float = 1e-15  #: added to the root of the second moment
+    agreeing: float = 1.0  #: factor of a step of a number that the present gradient agrees with
+    opposing: float = 1.0  #: factor of a step of a number that the present gradient opposes
+
+
 @dataclass(slots=True, eq=False)
 class AdamPart:
     """A tensor that Adam moves, and what it remembers of it."""
@@ -143,9 +152,8 @@ class Backend(ABC):
         self,
         parts: Sequence[AdamPart],
         gradients: Sequence[Tensor],
+        rule: AdamRule,
         factor: Scalar,
-        betas: tuple[float, float],
-        epsilon: float,
         step: Scalar,
     ) -> None:
         """Take one step of Adam in place.
@@ -153,9 +161,8 @@ class Backend(ABC):
         Args:
             parts: what moves.
             gradients: of each part, of the shape of its value.
+            rule: how.
             factor: of all rates.
-            betas: decay of the two moments.
-            epsilon: added to the root of the second moment.
             step: number of this step, from 1.
         """
 

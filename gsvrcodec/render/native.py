@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop, parameters_of
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
-from gsvrcodec.render.backend import AdamPart, Backend, Codes, Prices, Samples, Scalar, Size
+from gsvrcodec.render.backend import (
+    AdamPart,
+    AdamRule,
+    Backend,
+    Codes,
+    Prices,
+    Samples,
+    Scalar,
+    Size,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -135,9 +144,8 @@ class NativeBackend(Backend):
         self,
         parts: Sequence[AdamPart],
         gradients: Sequence[Tensor],
+        rule: AdamRule,
         factor: Scalar,
-        betas: tuple[float, float],
-        epsilon: float,
         step: Scalar,
     ) -> None:
         """Take one step of Adam in place, in one call of the core."""
@@ -147,7 +155,7 @@ class NativeBackend(Backend):
                 part.held = _core.AdamPart(*(None if a is None else a.numpy() for a in arrays))
         held = [part.held for part in parts]
         slopes = [gradient.numpy() for gradient in gradients]
-        _core.adam_step(held, slopes, factor, *betas, epsilon, step, self._how[1])
+        _core.adam_step(held, slopes, factor, *rule.betas, *rule[1:], step, self._how[1])
 
     def price_slopes(
         self, value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices

@@ -28,7 +28,7 @@ from gsvrcodec.model.reconstruction import (
     UPSAMPLING,
     Blending,
 )
-from gsvrcodec.render.backend import TILE, AdamPart, Backend, Codes, Samples, Scalar, Size
+from gsvrcodec.render.backend import TILE, AdamPart, AdamRule, Backend, Codes, Samples, Scalar, Size
 
 _CHUNK = 256  # Gaussians evaluated at once: bounds the memory
 
@@ -279,19 +279,20 @@ class ReferenceBackend(Backend):
         self,
         parts: Sequence[AdamPart],
         gradients: Sequence[Tensor],
+        rule: AdamRule,
         factor: Scalar,
-        betas: tuple[float, float],
-        epsilon: float,
         step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
-        beta1, beta2 = betas
+        beta1, beta2 = rule.betas
         for part, slope in zip(parts, gradients, strict=True):
             gradient = slope if part.axes is None else (slope[:, None] @ part.axes)[:, 0]
             part.mean.mul_(beta1).add_((1 - beta1) * gradient)
             part.square.mul_(beta2).add_((1 - beta2) * gradient.square())
-            root = (part.square / (1 - beta2**step)).sqrt() + epsilon
+            root = (part.square / (1 - beta2**step)).sqrt() + rule.epsilon
+            agrees = part.mean * gradient > 0
             step_back = factor * part.rates * part.mean / (1 - beta1**step) / root
+            step_back = step_back * torch.where(agrees, rule.agreeing, rule.opposing)
             if part.pace is not None:
                 step_back = step_back * part.pace
             if part.axes is not None:

@@ -143,7 +143,7 @@ def measure(
         nonlocal steps
         steps += 1
         _core.squared_error(core, 0.1, target, *coded, mean, gradient_core, threads)
-        _core.adam_step(parts, slopes, 1.0, 0.9, 0.99, 1e-15, steps, threads)
+        _core.adam_step(parts, slopes, 1.0, 0.9, 0.99, 1e-15, 1.0, 1.0, steps, threads)
 
     def render(mean: bool, frames: int) -> None:
         _core.render_rgb8(core, taus[:frames], out[:frames], *coded, mean, threads)

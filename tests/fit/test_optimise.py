@@ -111,10 +111,10 @@ def test_the_ends_of_a_long_gop_come_more_often() -> None:
 
 
 def first_rate(name: str) -> float:
-    """Return the rate of the first step of `MAIN`."""
+    """Return the length of the first step of `MAIN`, which the gradient agrees with."""
     rate = MAIN.rates[name]
     assert isinstance(rate, float)
-    return rate * MAIN.decay(0) / MAIN.warm_up
+    return rate * MAIN.rule.agreeing * MAIN.decay(0) / MAIN.warm_up
 
 
 def test_what_moves_by_half_a_pixel_moves() -> None:

@@ -293,7 +293,7 @@ class TestNumbers:
         assert counts[0] > without > counts[1]
 
     def test_the_weakest_are_dropped_and_leave_no_hole(self, key: Key) -> None:
-        fit = predicted(key, film(2), gaussians=440)
+        fit = predicted(key, film(2), gaussians=480)
         stays = np.mean([psnr(key.reference.picture, shot) for shot in film(2)])
         assert fit.psnr > stays + 2
         kept, anchor = parts(fit)

@@ -29,7 +29,7 @@ class TestRecipes:
     def test_rates_fall_nearly_to_nothing(self, recipe: Recipe) -> None:
         factors = [recipe.decay(spent) for spent in np.linspace(0, 1, 21)]
         assert factors[0] == 1
-        assert factors[-1] == pytest.approx(0.02**1.5 if recipe is MAIN else 0.02)
+        assert factors[-1] == pytest.approx(0.02)
         assert all(after < before for before, after in pairwise(factors))
 
     def test_relocations_leave_time_to_settle(self, recipe: Recipe) -> None:

@@ -40,7 +40,7 @@ KERNELS: list[tuple[Any, int, dict[str, str], dict[str, Any]]] = [
 
 #: Scalar arguments that are not integers.
 _FLOATS = {"zoom_x", "zoom_y", "level_1", "level_2", "level_3", "level_4", "z2", "blur"} | {
-    *("white", "scale", "factor", "beta1", "beta2", "correction", "epsilon")
+    *("white", "scale", "factor", "beta1", "beta2", "correction", "epsilon", "agreeing", "opposing")
 }
 
 

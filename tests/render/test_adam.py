@@ -31,14 +31,27 @@ def test_against_torch(shape: tuple[int, ...], threads: int, isa: str) -> None:
             column.grad = torch.tensor(grad[..., k], dtype=torch.float64)
         optimiser.step()
         part = _core.AdamPart(param, mean, square, rates)
-        _core.adam_step([part], [grad], 1.0, 0.9, 0.99, 1e-8, step, threads)
+        _core.adam_step([part], [grad], 1.0, 0.9, 0.99, 1e-8, 1.0, 1.0, step, threads)
     expected = torch.stack([c.detach() for c in columns], -1).numpy().reshape(shape)
     np.testing.assert_allclose(param, expected, rtol=1e-4, atol=1e-5)
 
 
+def test_what_the_gradient_opposes_stays(isa: str) -> None:
+    param, mean, square = (np.zeros((2, 20), np.float32) for _ in range(3))
+    part = _core.AdamPart(param, mean, square, np.full(1, 0.1, np.float32))
+    first, second = np.ones_like(param), np.ones_like(param)
+    second[:, ::2] = -0.1  # too little to turn the momentum
+    for number, slopes in enumerate((first, second), 1):
+        before = param.copy()
+        _core.adam_step([part], [slopes], 1.0, 0.9, 0.99, 1e-8, 2.0, 0.0, number)
+        moved = param - before
+        np.testing.assert_allclose(moved[slopes > 0], -0.2, rtol=1e-4)
+        assert not moved[slopes < 0].any()
+
+
 def test_wrong_sizes_fail() -> None:
     a, b = np.zeros((4, 3), np.float32), np.zeros((4, 2), np.float32)
-    rate, how = np.ones(1, np.float32), (1.0, 0.9, 0.99, 1e-8)
+    rate, how = np.ones(1, np.float32), (1.0, 0.9, 0.99, 1e-8, 1.0, 1.0)
     for others in ((b, a), (a, b)):
         with pytest.raises(ValueError, match="one size"):
             _core.AdamPart(a, *others, rate)

@@ -17,7 +17,7 @@ if not torch.cuda.is_available():
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.render.backend import AdamPart, Backend, Samples, Scalar
+from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Samples, Scalar
 from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
@@ -240,9 +240,13 @@ def test_no_weight_is_black(backends: Backends) -> None:
         assert bool(gradient["colour"].any()) == bool(gradient["log_opacity"].any()) == found
 
 
+RULES = AdamRule((0.9, 0.98)), AdamRule((0.9, 0.98), agreeing=1.3, opposing=0.25)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=["plain", "cautious"])
 @pytest.mark.parametrize("along_axes", [False, True])
 @pytest.mark.parametrize("paced", [False, True])
-def test_adam_step(backends: Backends, paced: bool, along_axes: bool) -> None:
+def test_adam_step(backends: Backends, paced: bool, along_axes: bool, rule: AdamRule) -> None:
     """Attributes of one and of several components, a grid, an empty one; many in one step."""
     backend, reference = backends("mean"), ReferenceBackend()
     r = np.random.default_rng(0)
@@ -267,7 +271,7 @@ def test_adam_step(backends: Backends, paced: bool, along_axes: bool) -> None:
             parts.append(part)
         for step, slopes in enumerate(gradients, 1):
             there = [slope.to(each.device, dtype) for slope in slopes]
-            each.adam_step(parts, there, 0.5, (0.9, 0.98), 1e-15, step)
+            each.adam_step(parts, there, rule, 0.5, step)
         moments = [(part.value, part.mean, part.square) for part in parts]
         states.append([tensor.numpy(force=True) for part in moments for tensor in part])
     for expected, actual in zip(*states, strict=True):
@@ -298,7 +302,7 @@ def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> 
         ) -> None:
             _, gradients = backend.squared_error(values, tau, target, size)
             gradient = gradients[list(values).index("position")]
-            backend.adam_step([part], [gradient], factor, (0.9, 0.9), 1e-15, number)
+            backend.adam_step([part], [gradient], AdamRule((0.9, 0.9)), factor, number)
 
         taken = backend.recorded(step) if recorded else step
         for number in range(1, 7):

@@ -1,9 +1,10 @@
 // One step of Adam. Included by kernels.cpp.
 
 void adam(float *value, const float *gradient, float *mean, float *square, const float *pace,
-          std::int64_t n, const float *rate, int period, float beta1, float beta2, float correction,
-          float epsilon) {
+          std::int64_t n, const float *rate, int period, const AdamRule &rule, float correction) {
     const FlushDenormals flush;
+    const float beta1 = rule.beta1, beta2 = rule.beta2, epsilon = rule.epsilon;
+    const vf agreeing = broadcast(rule.agreeing), opposing = broadcast(rule.opposing);
     std::int64_t at = 0;  // position in `rate`, which has `period` vectors and repeats
     const auto step = [&](float *p, const float *g, float *m, float *v, const float *f, vf lr) {
         const vf gradients = load(g);
@@ -12,6 +13,7 @@ void adam(float *value, const float *gradient, float *mean, float *square, const
         store(m, means);
         store(v, squares);
         if (f) lr *= load(f);
+        lr *= means * gradients > 0.0f ? agreeing : opposing;
         store(p, load(p) - lr * means / (sqrt(squares * correction) + epsilon));
     };
     std::int64_t i = 0;

@@ -200,11 +200,13 @@ void adam_step(const AdamPart &part, const float *gradient, const Adam &adam, st
     float *rates = space->lines.reserve(pattern);
     for (std::int64_t i = 0; i < pattern; ++i)
         rates[i] = static_cast<float>(part.rate[i % part.period] * scale);
+    const AdamRule rule = {static_cast<float>(adam.beta1), static_cast<float>(adam.beta2),
+                           static_cast<float>(adam.epsilon), static_cast<float>(adam.agreeing),
+                           static_cast<float>(adam.opposing)};
     const auto move = [&](float *value, const float *slope) {
         k.adam(value, slope, part.mean + begin, part.square + begin,
-               part.pace ? part.pace + begin : nullptr, n, rates, part.period,
-               static_cast<float>(adam.beta1), static_cast<float>(adam.beta2),
-               static_cast<float>(correction), static_cast<float>(adam.epsilon));
+               part.pace ? part.pace + begin : nullptr, n, rates, part.period, rule,
+               static_cast<float>(correction));
     };
     if (!part.axes) return move(part.value + begin, gradient + begin);
     float *slopes = space->pixels.reserve(2 * n), *steps = slopes + n;

@@ -76,7 +76,8 @@ struct AdamPart {
 struct Adam {
     double factor;  // of all rates
     double beta1, beta2, epsilon;
-    std::int64_t step;  // counts from 1
+    double agreeing, opposing;  // factors of a step that the gradient agrees with, or opposes
+    std::int64_t step;          // counts from 1
 };
 
 // Takes a step of all parts, each by its gradient.

@@ -142,6 +142,10 @@ struct Pixels {
     }
 };
 
+struct AdamRule {
+    float beta1, beta2, epsilon, agreeing, opposing;
+};
+
 struct Kernels {
     const char *isa;
     int lanes;      // floats of a vector
@@ -194,8 +198,7 @@ struct Kernels {
     // the bias correction of the first moment; `pace` has a factor of each rate, null = 1;
     // `correction` is the factor of the second moment.
     void (*adam)(float *value, const float *gradient, float *mean, float *square, const float *pace,
-                 std::int64_t n, const float *rate, int period, float beta1, float beta2,
-                 float correction, float epsilon);
+                 std::int64_t n, const float *rate, int period, const AdamRule &, float correction);
     // Replaces n values, whole vectors, by the slopes of their prices; see `Priced`.
     void (*price)(float *value, const float *usual, const float *step, const float *change,
                   const float *fresh, std::int64_t n);

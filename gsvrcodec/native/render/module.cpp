@@ -169,8 +169,8 @@ struct AdamPart {
 };
 
 void adam_step(const std::vector<const AdamPart *> &parts, const std::vector<Floats> &gradients,
-               double factor, double beta1, double beta2, double epsilon, std::int64_t step,
-               int threads) {
+               double factor, double beta1, double beta2, double epsilon, double agreeing,
+               double opposing, std::int64_t step, int threads) {
     require(parts.size() == gradients.size(), "each part must have a gradient");
     require(step >= 1, "step counts from 1");
     std::vector<gsvr::AdamPart> values;
@@ -184,7 +184,7 @@ void adam_step(const std::vector<const AdamPart *> &parts, const std::vector<Flo
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
     gsvr::adam_step(values.data(), slopes.data(), static_cast<int>(values.size()),
-                    {factor, beta1, beta2, epsilon, step}, threads);
+                    {factor, beta1, beta2, epsilon, agreeing, opposing, step}, threads);
 }
 
 using Table = nb::ndarray<float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
@@ -257,7 +257,7 @@ NB_MODULE(_core, m) {
              exact("value"), exact("mean"), exact("square"), exact("rates"),
              exact("pace").none() = nb::none(), exact("axes").none() = nb::none());
     m.def("adam_step", &adam_step, "parts"_a, "gradients"_a, "factor"_a, "beta1"_a, "beta2"_a,
-          "epsilon"_a, "step"_a, "threads"_a = 0);
+          "epsilon"_a, "agreeing"_a, "opposing"_a, "step"_a, "threads"_a = 0);
     m.def("price_slopes", &price_slopes, exact("value"), exact("step"), exact("carried").none(),
           "near"_a, "change"_a, "fresh"_a, exact("out"), "threads"_a = 0);
     bind_model(m);

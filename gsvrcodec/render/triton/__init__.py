@@ -18,7 +18,7 @@ from torch import Tensor
 from gsvrcodec.errors import DeviceError
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
-from gsvrcodec.render.backend import AdamPart, Backend, Samples, Scalar, Size
+from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Samples, Scalar, Size
 from gsvrcodec.render.triton.adam import NUMBERS, adam_update
 from gsvrcodec.render.triton.launch import Parameters, Pass, on_device, scratch_bytes
 from gsvrcodec.render.triton.record import Recorded, Recorder
@@ -242,9 +242,8 @@ class TritonBackend(Backend):
         self,
         parts: Sequence[AdamPart],
         gradients: Sequence[Tensor],
+        rule: AdamRule,
         factor: Scalar,
-        betas: tuple[float, float],
-        epsilon: float,
         step: Scalar,
     ) -> None:
         """Take one step of Adam in place."""
@@ -267,8 +266,8 @@ class TritonBackend(Backend):
                     value.numel(),
                     len(part.rates),
                     *numbers,
-                    *betas,
-                    epsilon,
+                    *rule.betas,
+                    *rule[1:],
                     PACED=part.pace is not None,
                 )
             if part.axes is not None:

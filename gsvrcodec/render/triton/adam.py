@@ -21,6 +21,8 @@ def adam_update(
     beta1,
     beta2,
     epsilon,
+    agreeing,  # factor of a step of a number that the gradient agrees with
+    opposing,  # factor of one that it opposes
     PACED: tl.constexpr,
 ):
     """One step over n numbers, whose last axis has `components`."""
@@ -37,6 +39,7 @@ def adam_update(
     rate = tl.load(rate_ptr + i % components) * factor
     if PACED:
         rate *= tl.load(pace_ptr + i, mask=mask, other=0.0)
+    rate *= tl.where(mean * gradient > 0.0, agreeing, opposing)
     step = rate * mean / (tl.sqrt(square * correction) + epsilon)
     tl.store(mean_ptr + i, mean, mask=mask)
     tl.store(square_ptr + i, square, mask=mask)
