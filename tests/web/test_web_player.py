@@ -141,6 +141,7 @@ class TestTime:
         page.keyboard.press(" ")
         until(lambda: page.evaluate("labels") == ["Pause", "Play"])
         last = until(lambda: moment(page)[:2] > (0, 0) and moment(page))
+        page.locator("#speed").select_option("0.05")  # slow enough that the beginning is seen
         page.locator("#play").click()
         until(lambda: moment(page)[:2] < last[:2])
 
