@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any, get_args
 
 import numpy as np
@@ -72,8 +73,8 @@ class TestContent:
 
     def test_rounding_costs_little(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        done = encode_gop(gop_job(frames, 700))
-        assert done.float_psnr - done.psnr < 0.25
+        done = [encode_gop(gop_job(frames, 700, seed=seed)) for seed in range(3)]
+        assert fmean(gop.float_psnr - gop.psnr for gop in done) < 0.25
 
 
 class TestTargets:
