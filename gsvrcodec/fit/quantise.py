@@ -176,9 +176,8 @@ class QuantisedFit:
     in_place: Gop | None = None
     #: sensitivities of a predicted GOP if what is carried over did not change
     unchanged: Gop | None = None
-    slope: Slope | None = (
-        None  #: what Gaussians of a key GOP have to be worth; None = all are stored
-    )
+    #: what Gaussians of a key GOP have to be worth; None = all are stored
+    slope: Slope | None = None
     losses: NDArray[np.float64] | None = None  #: (N,) squared error that is added without each
 
     @property

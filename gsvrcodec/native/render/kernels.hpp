@@ -142,6 +142,7 @@ struct Pixels {
     }
 };
 
+// How Adam steps; see `Adam`.
 struct AdamRule {
     float beta1, beta2, epsilon, agreeing, opposing;
 };
