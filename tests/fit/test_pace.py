@@ -57,3 +57,14 @@ def test_a_pace_is_a_factor_of_the_step() -> None:
         torch.testing.assert_close(same[name], step)
         wanted = 3 * step if name == "position" else step
         torch.testing.assert_close(thrice[name], wanted, atol=1e-6, rtol=1e-4)
+
+
+def test_a_gradient_that_opposes_holds_gaussians_but_not_the_tri_plane() -> None:
+    parameters = key()
+    adam = Adam(parameters.raw, MAIN, SIZE, BACKEND)
+    slopes = {name: torch.ones_like(t) for name, t in parameters.raw.items()}
+    adam.step(slopes, 0.1, 1)
+    before = {name: tensor.clone() for name, tensor in parameters.raw.items()}
+    adam.step({name: -0.1 * slope for name, slope in slopes.items()}, 0.1, 2)
+    moved = {name for name, t in parameters.raw.items() if not torch.equal(t, before[name])}
+    assert moved == {"xy", "xt", "yt"}
