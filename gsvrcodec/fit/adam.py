@@ -40,6 +40,19 @@ def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int]) -> Tensor:
     return torch.stack([along_x * lengths / halves[0], along_y * lengths / halves[1]], 1)
 
 
+def turns_of(tensors: Mapping[str, Tensor]) -> Tensor:
+    """The smaller scale of N Gaussians in the larger one: what a turn changes grows with length.
+
+    Args:
+        tensors: the decoder's parameters, by the names of `Gop`.
+
+    Returns:
+        (N,), of (0, 1].
+    """
+    log_scale = tensors["log_scale"]
+    return torch.exp(log_scale.amin(1) - log_scale.amax(1))
+
+
 def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tensors:
     """Factors of the rates of each Gaussian.
 
@@ -69,7 +82,9 @@ def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tens
 
 
 class Adam:
-    """Adam with a rate for each component of an attribute; positions move along their axes.
+    """Adam with a rate for each component of an attribute, in units of each Gaussian.
+
+    Positions move along the axes, and slender Gaussians turn slowly, if the recipe is in pixels.
 
     A number of a Gaussian stays where it is while the gradient of the present frame opposes its
     momentum, if the recipe says so. The tri-plane takes all of its steps.
@@ -106,9 +121,12 @@ class Adam:
             tensors: the decoder's parameters, by the names of `Gop`.
             paces: as `paces` gives them; None = 1.
         """
+        paces = dict(paces or {})
         if self._along_axes and "position" in self._parts:
             _put(self._parts["position"], "axes", axes_of(tensors, self._size))
-        for name, pace in (paces or {}).items():
+        if self._along_axes and "rotation" in self._parts:
+            paces["rotation"] = turns_of(tensors) * paces.get("rotation", 1.0)
+        for name, pace in paces.items():
             part = self._parts[name]
             _put(part, "pace", pace.expand_as(part.value))
 

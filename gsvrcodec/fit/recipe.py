@@ -28,8 +28,9 @@ class Recipe:
     """Learning rates and schedule. Rates are Adam's, in the units of the raw parameters."""
 
     rates: Mapping[str, float | tuple[float, ...]]  #: of each attribute, or of its components
-    #: whether rates of motion and position offsets are px of the frame, and those of positions px
-    #: along the axes of a Gaussian of mean scale; False = all are halves of the frame
+    #: whether rates of motion and position offsets are px of the frame, those of positions px along
+    #: the axes of a Gaussian of mean scale, and those of rotations of a round one; False = lengths
+    #: are halves of the frame, and all turn alike
     in_pixels: bool
     rated_steps: float  #: longest fit at these rates, steps; one n times as long takes rates/n^0.25
     rule: AdamRule  #: how Adam steps; the tri-plane takes all of its steps
@@ -61,12 +62,12 @@ MAIN = Recipe(
     rates={
         "position": 0.95,
         "log_scale": 0.235,
-        "rotation": 0.235,
+        "rotation": 0.33,
         "colour": 0.042,
-        "log_opacity": 0.12,
-        "indicator": 0.056,
-        "linear": 0.2,
-        "quadratic": 0.1,
+        "log_opacity": 0.17,
+        "indicator": 0.078,
+        "linear": 0.28,
+        "quadratic": 0.14,
         # Offsets of position and scale (px), rotation and log-opacity.
         "xy": (3.1, 3.1, 0.07, 0.07, 0.007, 0.007, 0.0, 0.0),
         "xt": 0.112,
@@ -76,7 +77,7 @@ MAIN = Recipe(
     rated_steps=700,
     rule=AdamRule((0.9, 0.9), agreeing=1.3, opposing=0.0),
     decay=_falling,
-    warm_up=8,
+    warm_up=14,
     coarse=0.22,
     relocations=(0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
     settling=20,

@@ -1,16 +1,18 @@
-"""Paces: what is new or fast takes larger steps."""
+"""Paces: what is new or fast takes larger steps, what is slender smaller turns."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 
 from gsvrcodec.fit.adam import Adam, paces
 from gsvrcodec.fit.paper import PAPER
 from gsvrcodec.fit.parameters import Parameters
-from gsvrcodec.fit.recipe import MAIN, PREDICTED
+from gsvrcodec.fit.recipe import MAIN, PREDICTED, Recipe
 from tests.fit.anchored import CARRIED, key, predicted
 from tests.fit.synthetic import BACKEND
 
@@ -57,6 +59,19 @@ def test_a_pace_is_a_factor_of_the_step() -> None:
         torch.testing.assert_close(same[name], step)
         wanted = 3 * step if name == "position" else step
         torch.testing.assert_close(thrice[name], wanted, atol=1e-6, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("recipe", "share"), [(MAIN, 0.25), (PAPER, 1.0)])
+def test_slender_gaussians_turn_slowly(recipe: Recipe, share: float) -> None:
+    parameters = key()
+    parameters.raw["log_scale"][:] = 1.0
+    parameters.raw["log_scale"][0, 1] += math.log(4)
+    before = parameters.raw["rotation"].clone()
+    adam = Adam(parameters.raw, recipe, SIZE, BACKEND)
+    adam.look(parameters.tensors())
+    adam.step({name: torch.ones_like(t) for name, t in parameters.raw.items()}, 0.1, 1)
+    turned = before - parameters.raw["rotation"]
+    torch.testing.assert_close(turned[0] / turned[1], torch.tensor(share), rtol=1e-3, atol=0)
 
 
 def test_a_gradient_that_opposes_holds_gaussians_but_not_the_tri_plane() -> None:
