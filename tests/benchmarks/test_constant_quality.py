@@ -50,7 +50,7 @@ def test_presets_are_compared_at_equal_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(presets, "get_args", lambda _: ("fastest", "medium"))
-    _, left = run(presets.main, tmp_path, "--frames", "6")
+    _, left = run(presets.main, tmp_path, "--frames", "12")
     fastest, medium = left["rows"]
     assert medium["gain"] == pytest.approx(0, abs=1e-6)
     assert fastest["gain"] < -0.3
