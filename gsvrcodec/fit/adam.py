@@ -41,7 +41,7 @@ def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int]) -> Tensor:
 
 
 def turns_of(tensors: Mapping[str, Tensor]) -> Tensor:
-    """The smaller scale of N Gaussians in the larger one: what a turn changes grows with length.
+    """The smaller scale of N Gaussians over the larger: what a turn changes grows with length.
 
     Args:
         tensors: the decoder's parameters, by the names of `Gop`.
