@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 from itertools import islice
-from statistics import fmean
 
 import numpy as np
 
@@ -51,7 +50,7 @@ def chain_jobs(
     efforts = shared_efforts(list(map(len, chain.gops)))
     state = _State(settings, sum(budget.bytes for budget in budgets))
     before: Picture | None = None  #: last frame of the GOP before
-    overruns: list[float] = []  # seconds that GOPs took beyond their time: to read, start, pack
+    given = overrun = 0.0  # seconds that GOPs had, and took beyond them: to read, start, pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
             state.add(finished[number], budget)
@@ -66,8 +65,9 @@ def chain_jobs(
                 visited_frames(len(own)) * effort * planned.step_cost
                 for own, effort, planned in zip(chain.gops, efforts, budgets, strict=True)
             ][number:]
-            spent = time.perf_counter() - began + len(waiting) * fmean(overruns or [0.0])
-            left = max(0.0, seconds - spent) * waiting[0] / sum(waiting)
+            kept = given / (given + overrun) if given else 1.0
+            spent = time.perf_counter() - began
+            left = kept * max(0.0, seconds - spent) * waiting[0] / sum(waiting)
         job = GopJob(
             frames=frames,
             pts=chain.pts[number],
@@ -85,7 +85,9 @@ def chain_jobs(
         del frames
         result = yield job
         del job
-        overruns.append(max(0.0, time.perf_counter() - asked - (left or 0.0)))
+        if left is not None:
+            given += left
+            overrun += max(0.0, time.perf_counter() - asked - left)
         if number + 1 < len(chain.gops):
             state.add(result, budget)
 

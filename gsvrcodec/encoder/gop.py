@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
-from gsvrcodec.fit.target import Slope
+from gsvrcodec.fit.target import Count, Slope
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
@@ -85,11 +86,10 @@ class _Fitter:
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
-        allowance = self._allowance(budget.gaussians)
+        allowance = self._allowance(min(budget.gaussians, self._fittable))
         slope = budget.slope
         if budget.bytes:  # the qscale goes on from that of the reference
-            most = min(most_gaussians(job.size), allowance.gaussians)
-            slope = Slope(reference.qscale, int(most))
+            slope = Slope(reference.qscale, most_gaussians(job.size))
         return fit_predicted(
             self._footage,
             LastFrame(look, shown, job.before, qscale, reference.psnr),
@@ -99,7 +99,7 @@ class _Fitter:
             allowance,
             backend,
             seed=job.seed,
-            slope=slope,
+            slope=slope and replace(slope, fitted=allowance.gaussians),
         )
 
     def key(self) -> Fit:
@@ -117,17 +117,25 @@ class _Fitter:
         what = self._footage, gaussians, job.grid, job.options, effort, self.backend
         if job.settings.profile == "paper":
             return fit_as_published(*what, seed=job.seed)
-        return fit_gop(*what, seed=job.seed, slope=job.budget.slope)
+        slope = job.budget.slope
+        slope = slope and replace(slope, fitted=effort.gaussians)
+        return fit_gop(*what, seed=job.seed, slope=slope)
 
-    def _allowance(self, gaussians: int, share: float = 1.0) -> Allowance:
-        """Return a share of the job's effort, without the time that packing takes."""
-        job, seconds, most = self._job, None, math.inf
+    @property
+    def _fittable(self) -> float:
+        """Gaussians that the job's time suffices for; inf = it has no wall time."""
+        job = self._job
+        return math.inf if job.seconds is None else fittable(job.seconds, job.execution)
+
+    def _allowance(self, gaussians: float, share: float = 1.0) -> Allowance:
+        """Return a share of the job's effort, without the time that packing so many takes."""
+        job, seconds = self._job, None
         if job.seconds is not None:
-            most = fittable(job.seconds, job.execution)
-            packing = EFFORT.packing_seconds * gaussians
-            packing = min(packing, EFFORT.packing_share * job.seconds)
+            searches = not isinstance(job.budget.target, (Slope, Count))
+            each = EFFORT.packing_seconds + searches * EFFORT.search_seconds
+            packing = min(each * gaussians, EFFORT.packing_share * job.seconds)
             seconds = share * (job.seconds - packing) - (time.perf_counter() - self.began)
-        return Allowance(share * job.steps, seconds, most)
+        return Allowance(share * job.steps, seconds, self._fittable)
 
 
 class _Packer:

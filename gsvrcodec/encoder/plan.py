@@ -176,8 +176,9 @@ def plan(
         least = min(8.0 * RATE.least_gop_bytes, whole / len(chain))
         spare = whole - least * len(chain)
         shares = [least + spare * weight / sum(weights) for weight in weights]
-        most = round(min(most_gaussians(size), _most_gaussians(chain, weights, settings)))
-        gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), most))
+        most = most_gaussians(size)
+        fitted = round(min(most, _most_gaussians(chain, weights, settings)))
+        gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), fitted))
         for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
             grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
             cost = 1.0

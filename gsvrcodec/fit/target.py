@@ -101,6 +101,7 @@ class Slope(Target):
     most: int  #: bound of the number of Gaussians
     #: how much more a bit saves than in the frames of the GOP, because others build on them
     lasting: float = 1.0
+    fitted: float = math.inf  #: Gaussians that the time of the fit suffices for
 
     @property
     def bit(self) -> float:
@@ -128,7 +129,8 @@ class Slope(Target):
         bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
         count = SLOPE.fall * error * pixels / (bits * self.bit)
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
-        return max(1, round(min(count, self.most)))
+        time = SLOPE.still_time * (1 - moving) + SLOPE.moving_time * moving
+        return max(1, round(min(count, self.most, self.fitted / time)))
 
     def worthwhile(
         self, losses: NDArray[np.float64], moving: NDArray[np.bool_]

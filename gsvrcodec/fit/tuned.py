@@ -28,7 +28,10 @@ class _Effort:
     long_gop: int = 12  #: frames from which on the ends of a GOP are shown more often
     ends_every: int = 2  #: rounds of all frames after which its ends are shown once more
     least_tuning_steps: int = 30  #: of all stages of the quantisation together
-    packing_seconds: float = 70e-6  #: wall time that packing takes, seconds for each Gaussian
+    #: wall time that packing takes, and more where a size or a quality is searched for; seconds for
+    #: each Gaussian
+    packing_seconds: float = 25e-6
+    search_seconds: float = 45e-6
     packing_share: float = 0.4  #: most of that / wall time of the GOP
     qat_from: float = 0.9  #: fraction of the effort after which `paper` fits quantised values
     measured_frames: int = 8  #: frames rendered together to measure a PSNR
@@ -197,6 +200,9 @@ class _Slope:
     motion_bits: float = 25.0
     moving_px: float = 0.5  #: of motion to the end of a GOP, above which a Gaussian moves
     growth: float = 0.2  #: power by which their number grows with the steps of the fit
+    #: time to fit a Gaussian that stands still, and one that moves / time that `fitted` counts by
+    still_time: float = 0.15
+    moving_time: float = 1.5
     steps: float = 600.0  #: of a fit with the number by `fall` and bits alone
     lasting: float = 0.3  #: power of what a GOP lasts by which its steps are finer
 

@@ -147,6 +147,28 @@ class TestTime:
         # The clock stands still, so the last GOP gets all of it.
         assert [job.seconds for job in jobs] == pytest.approx([10 / 2, 10])
 
+    def test_time_is_kept_for_what_gops_take_beyond_theirs(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        clock = [7.0]
+        monkeypatch.setattr("time.perf_counter", lambda: clock[0])
+        jobs = chain_jobs(
+            frames_of([len(gop) for gop in ranges(LENGTHS)]),
+            (BUDGET,) * 4,
+            EncodeSettings(),
+            [],
+            100.0,
+        )
+        job, times = next(jobs), []
+        for result in RESULTS[:-1]:
+            assert job.seconds is not None
+            times.append(job.seconds)
+            clock[0] += 1.25 * job.seconds  # a quarter more than it was given
+            job = jobs.send(result)
+        assert job.seconds is not None
+        times.append(job.seconds)
+        assert 1.25 * sum(times[1:]) == pytest.approx(100 - 1.25 * times[0])
+
 
 class TestEfforts:
     @pytest.mark.parametrize("lengths", [(5,), (5, 5), (16, 16, 16, 9), (1, 30)])

@@ -42,6 +42,23 @@ class TestNumber:
         share = 1 + SLOPE.motion_bits / SLOPE.gaussian_bits
         assert still == pytest.approx(share * all_of_them, abs=2)
 
+    @pytest.mark.parametrize("moving", [0.0, 0.1, 0.5, 1.0])
+    def test_no_more_than_there_is_time_for(self, moving: float) -> None:
+        endless, timed = Slope(2.0, 10**9), Slope(2.0, 10**9, fitted=90.0)
+        free, bound = (slope.gaussians(10**6, 40.0, 500, moving) for slope in (endless, timed))
+        time = (1 - moving) * SLOPE.still_time + moving * SLOPE.moving_time
+        assert bound == round(90 / time) < free
+        # Where bits pay for fewer than that, they decide.
+        assert timed.gaussians(10**6, 1.0, 500, moving) == endless.gaussians(
+            10**6, 1.0, 500, moving
+        )
+
+    def test_what_stands_still_takes_less_time(self) -> None:
+        still, moving = (
+            Slope(2.0, 10**9, fitted=90.0).gaussians(10**6, 40.0, 500, share) for share in (0, 1)
+        )
+        assert still > 5 * moving
+
     def test_bounds(self) -> None:
         assert Slope(0.01, 500).gaussians(10**6, 40.0, 500, 1.0) == 500
         assert Slope(16.0, 500).gaussians(10, 0.0, 500, 1.0) == 1
