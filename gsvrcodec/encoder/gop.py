@@ -21,7 +21,7 @@ from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
-from gsvrcodec.fit.target import Count, Slope
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
@@ -131,8 +131,7 @@ class _Fitter:
         """Return a share of the job's effort, without the time that packing so many takes."""
         job, seconds = self._job, None
         if job.seconds is not None:
-            searches = not isinstance(job.budget.target, (Slope, Count))
-            each = EFFORT.packing_seconds + searches * EFFORT.search_seconds
+            each = EFFORT.packing_seconds + job.budget.target.searches * EFFORT.search_seconds
             packing = min(each * gaussians, EFFORT.packing_share * job.seconds)
             seconds = share * (job.seconds - packing) - (time.perf_counter() - self.began)
         return Allowance(share * job.steps, seconds, self._fittable)

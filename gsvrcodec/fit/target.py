@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ class Target(ABC):
     """What the encode of one GOP aims at."""
 
     __slots__ = ()
+
+    #: Whether several qscales are tried before a fit is stored.
+    searches: ClassVar[bool] = False
 
     def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
         """Fit a key GOP.
@@ -64,6 +68,8 @@ class Count(Target):
 class Size(Target):
     """A size of the payload."""
 
+    searches = True
+
     bytes: int
     exact: bool = True  #: whether it has to be met; else later GOPs make up for it
 
@@ -80,6 +86,8 @@ class Size(Target):
 @dataclass(frozen=True, slots=True)
 class Quality(Target):
     """A mean PSNR of the decoded frames."""
+
+    searches = True
 
     psnr: float  #: dB
 
