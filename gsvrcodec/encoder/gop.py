@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +98,7 @@ class _Fitter:
             allowance,
             backend,
             seed=job.seed,
-            slope=slope and replace(slope, fitted=allowance.gaussians),
+            slope=slope,
         )
 
     def key(self) -> Fit:
@@ -117,9 +116,7 @@ class _Fitter:
         what = self._footage, gaussians, job.grid, job.options, effort, self.backend
         if job.settings.profile == "paper":
             return fit_as_published(*what, seed=job.seed)
-        slope = job.budget.slope
-        slope = slope and replace(slope, fitted=effort.gaussians)
-        return fit_gop(*what, seed=job.seed, slope=slope)
+        return fit_gop(*what, seed=job.seed, slope=job.budget.slope)
 
     @property
     def _fittable(self) -> float:

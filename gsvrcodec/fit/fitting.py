@@ -54,7 +54,8 @@ class Allowance:
         if self.seconds is not None:
             left = self.seconds - (time.perf_counter() - began)
             main, tuning = max(0.1, (1 - share) * left), max(0.1, share * left)
-        effort = Effort(max(least_steps, round((1 - share) * self.steps)), main)
+        steps = max(least_steps, round((1 - share) * self.steps))
+        effort = Effort(steps, main, self.gaussians)
         if not tune:
             return effort, None
         steps = max(EFFORT.least_tuning_steps, round(share * self.steps))

@@ -40,8 +40,11 @@ class Effort:
     Wall time runs from construction.
     """
 
-    def __init__(self, steps: int, seconds: float | None = None) -> None:
+    def __init__(
+        self, steps: int, seconds: float | None = None, gaussians: float = math.inf
+    ) -> None:
         self._steps, self._seconds = steps, seconds
+        self.gaussians = gaussians  #: that this time suffices for
         self._start = time.perf_counter()
         self.steps = 0  #: taken so far
 
@@ -191,7 +194,7 @@ class _Descent:
         self._settled = effort.steps + recipe.settling
         more = 0
         if self._slope is not None and spent >= recipe.counted:
-            more = _missing(self._parameters, footage, self._slope, effort.expected_steps)
+            more = _missing(self._parameters, footage, self._slope, effort)
         order, moved = relocate(
             self._parameters,
             self._small,
@@ -287,14 +290,15 @@ class _Descent:
             self._price.forget()
 
 
-def _missing(parameters: Parameters, footage: Footage, slope: Slope, steps: float) -> int:
+def _missing(parameters: Parameters, footage: Footage, slope: Slope, effort: Effort) -> int:
     """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
     now = len(parameters.raw["position"])
     error = _squared_error(parameters, footage)
     if parameters.anchor is not None:
         error *= PREDICTION.numbers
     moving = float(moving_of(parameters.gop(), footage.size).mean())
-    wanted = slope.gaussians(footage.pixels, error, steps, moving)
+    steps, fitted = effort.expected_steps, effort.gaussians
+    wanted = slope.gaussians(footage.pixels, error, steps, moving, fitted)
     return min(max(wanted, now // 2), 2 * now) - now
 
 

@@ -109,7 +109,6 @@ class Slope(Target):
     most: int  #: bound of the number of Gaussians
     #: how much more a bit saves than in the frames of the GOP, because others build on them
     lasting: float = 1.0
-    fitted: float = math.inf  #: Gaussians that the time of the fit suffices for
 
     @property
     def bit(self) -> float:
@@ -125,7 +124,9 @@ class Slope(Target):
         """Store at the qscale of the slope."""
         return candidate.quantised(self.stored_qscale)
 
-    def gaussians(self, pixels: int, error: float, steps: float, moving: float) -> int:
+    def gaussians(
+        self, pixels: int, error: float, steps: float, moving: float, fitted: float = math.inf
+    ) -> int:
         """Return the number of Gaussians at which one more would save just enough.
 
         Args:
@@ -133,12 +134,13 @@ class Slope(Target):
             error: Mean squared error so far, 8-bit codes.
             steps: Of the whole fit; each Gaussian is worth more after many of them.
             moving: Share of the Gaussians that move.
+            fitted: Gaussians that the time of the fit suffices for, by `SLOPE`'s times of each.
         """
         bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
         count = SLOPE.fall * error * pixels / (bits * self.bit)
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         time = SLOPE.still_time * (1 - moving) + SLOPE.moving_time * moving
-        return max(1, round(min(count, self.most, self.fitted / time)))
+        return max(1, round(min(count, self.most, fitted / time)))
 
     def worthwhile(
         self, losses: NDArray[np.float64], moving: NDArray[np.bool_]

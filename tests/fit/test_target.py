@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -44,18 +46,19 @@ class TestNumber:
 
     @pytest.mark.parametrize("moving", [0.0, 0.1, 0.5, 1.0])
     def test_no_more_than_there_is_time_for(self, moving: float) -> None:
-        endless, timed = Slope(2.0, 10**9), Slope(2.0, 10**9, fitted=90.0)
-        free, bound = (slope.gaussians(10**6, 40.0, 500, moving) for slope in (endless, timed))
+        slope = Slope(2.0, 10**9)
+        free, bound = (
+            slope.gaussians(10**6, 40.0, 500, moving, fitted) for fitted in (math.inf, 90.0)
+        )
         time = (1 - moving) * SLOPE.still_time + moving * SLOPE.moving_time
         assert bound == round(90 / time) < free
         # Where bits pay for fewer than that, they decide.
-        assert timed.gaussians(10**6, 1.0, 500, moving) == endless.gaussians(
-            10**6, 1.0, 500, moving
-        )
+        few = slope.gaussians(10**6, 1.0, 500, moving)
+        assert slope.gaussians(10**6, 1.0, 500, moving, 90.0) == few
 
     def test_what_stands_still_takes_less_time(self) -> None:
         still, moving = (
-            Slope(2.0, 10**9, fitted=90.0).gaussians(10**6, 40.0, 500, share) for share in (0, 1)
+            Slope(2.0, 10**9).gaussians(10**6, 40.0, 500, share, 90.0) for share in (0, 1)
         )
         assert still > 5 * moving
 
