@@ -7,26 +7,23 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import count
-from statistics import fmean
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.adam import Adam, paces
-from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, backdrop, halved
+from gsvrcodec.fit.number import Number
 from gsvrcodec.fit.parameters import Parameters, Tensors
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import Recipe
-from gsvrcodec.fit.relocate import losses, relocate, reorder
-from gsvrcodec.fit.start import over_channels
+from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tiles import Tiles
-from gsvrcodec.fit.tuned import EFFORT, PREDICTION, PRICE, RELOCATION, SLOPE
-from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.reconstruction import GROUND
-from gsvrcodec.render.backend import Samples, Scalar, Size
+from gsvrcodec.fit.tuned import EFFORT, PRICE
+from gsvrcodec.model.gop import Float32Array
+from gsvrcodec.render.backend import Samples, Scalar
 
 #: Steps after which their pace is known.
 _PACE_STEPS = 10
@@ -112,8 +109,8 @@ def optimise(
     while (spent := effort.spent) < 1.0:
         if relocations.due(spent):
             descent.relocate(spent)
-        if slope is not None and prunings.due(spent):
-            descent.prune(slope)
+        if prunings.due(spent):
+            descent.prune()
         if spent >= recipe.coarse:
             descent.refine()
         descent.step(spent, quantise if spent >= quantise_from else None)
@@ -175,7 +172,8 @@ class _Descent:
     ) -> None:
         self._parameters, self._footage, self._recipe = parameters, footage, recipe
         self._effort, self._rng = effort, rng
-        self._price, self._slope = price, slope
+        self._price = price
+        self._number = None if slope is None else Number(slope)
         self._tiles = tiles if parameters.backend.skips_tiles else None
         self._small = self._shown = halved(footage.frames) if recipe.coarse else footage.frames
         self._targets, self._behind = targets_of(parameters, self._shown, footage.size)
@@ -193,8 +191,10 @@ class _Descent:
             return
         self._settled = effort.steps + recipe.settling
         more = 0
-        if self._slope is not None and spent >= recipe.counted:
-            more = _missing(self._parameters, footage, self._slope, effort)
+        if self._number is not None and spent >= recipe.counted:
+            more = self._number.missing(
+                self._parameters, footage, effort.expected_steps, effort.gaussians
+            )
         order, moved = relocate(
             self._parameters,
             self._small,
@@ -207,9 +207,10 @@ class _Descent:
         )
         self._rearranged(order, moved)
 
-    def prune(self, slope: Slope) -> None:
-        """Drop the Gaussians that are not worth their bits."""
-        self._rearranged(_prune(self._parameters, self._footage, slope))
+    def prune(self) -> None:
+        """Drop the Gaussians that are not worth their bits, if there is a slope."""
+        if self._number is not None:
+            self._rearranged(self._number.prune(self._parameters, self._footage))
 
     def refine(self) -> None:
         """End the coarse stage, if it has not ended: show frames of the whole size."""
@@ -282,56 +283,14 @@ class _Descent:
 
     def _rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None = None) -> None:
         """Follow the parameters, which were put into another order."""
+        if self._number is not None:
+            self._number.rearranged(order, moved)
         self._adam.rearrange(order, moved)
         self.forget()
         self._paced.again()
         self._priced.again()
         if self._price is not None:
             self._price.forget()
-
-
-def _missing(parameters: Parameters, footage: Footage, slope: Slope, effort: Effort) -> int:
-    """Gaussians that are missing at a slope, at most as many as there are; below 0 = too many."""
-    now = len(parameters.raw["position"])
-    error = _squared_error(parameters, footage)
-    if parameters.anchor is not None:
-        error *= PREDICTION.numbers
-    moving = float(moving_of(parameters.gop(), footage.size).mean())
-    steps, fitted = effort.expected_steps, effort.gaussians
-    wanted = slope.gaussians(footage.pixels, error, steps, moving, fitted)
-    return min(max(wanted, now // 2), 2 * now) - now
-
-
-def _prune(parameters: Parameters, footage: Footage, slope: Slope) -> NDArray[np.intp]:
-    """Drop Gaussians that are not worth their bits, and return which are left."""
-    gop = parameters.gop()
-    found = losses(gop, footage, parameters.backend)
-    left = np.flatnonzero(slope.worthwhile(found, moving_of(gop, footage.size)))
-    parameters.rearrange(left)
-    return left
-
-
-def moving_of(gop: Gop, size: Size) -> NDArray[np.bool_]:
-    """Which Gaussians move by more than `SLOPE.moving_px`, (N,), in frames of this size."""
-    ways = [np.abs(way * (np.array(size) / 2)).max(axis=1) for way in (gop.linear, gop.quadratic)]
-    return np.asarray(sum(ways) > SLOPE.moving_px)
-
-
-def _squared_error(parameters: Parameters, footage: Footage) -> float:
-    """Mean squared error over some frames, 8-bit codes; by its share where a background shows."""
-    frames, backend, size = footage.frames, parameters.backend, footage.size
-    shown = some_frames(len(frames), RELOCATION.frames)
-    pictures = backend.render(backend.prepare(parameters.drawn()), footage.taus[shown], size, size)
-    if parameters.background is None:
-        pairs = zip(pictures, frames[shown], strict=True)
-        return fmean(cv2.norm(*pair, cv2.NORM_L2SQR) / pair[0].size for pair in pairs)
-    behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
-    own, errors = backend.prepare(parameters.gop()), []
-    for picture, index in zip(pictures, shown, strict=True):
-        weight = backend.sums(own, float(footage.taus[index]), size, size)[..., 3]
-        squares = over_channels(np.square(cv2.absdiff(picture, frames[index]), dtype=np.float32))
-        errors.append(float((squares / 3 * weight / (weight + behind + GROUND)).mean()))
-    return fmean(errors)
 
 
 def targets_of(

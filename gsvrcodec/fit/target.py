@@ -142,6 +142,20 @@ class Slope(Target):
         time = SLOPE.still_time * (1 - moving) + SLOPE.moving_time * moving
         return max(1, round(min(count, self.most, fitted / time)))
 
+    def paid(self, losses: NDArray[np.float64], moving: float) -> float:
+        """Return how well Gaussians that have come pay for their bits; 1 = as is usual.
+
+        Args:
+            losses: Squared error that is added without each of them; one at least.
+            moving: Share of the Gaussians that move.
+        """
+        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
+        usual, (low, high) = SLOPE.paid_usual * bits * self.bit, SLOPE.paid_range
+        median = max(float(np.median(losses)), 0.0)
+        if median >= usual * math.pow(high, 1 / SLOPE.paid_power):
+            return high
+        return max(low, math.pow(median / usual, SLOPE.paid_power))
+
     def worthwhile(
         self, losses: NDArray[np.float64], moving: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:

@@ -11,10 +11,9 @@ import pytest
 from torch import Tensor
 
 from gsvrcodec.fit.footage import Frames
-from gsvrcodec.fit.optimise import Effort, Every, moving_of, optimise, visits
+from gsvrcodec.fit.optimise import Effort, Every, optimise, visits
 from gsvrcodec.fit.paper import PAPER, random_start
 from gsvrcodec.fit.parameters import Parameters
-from gsvrcodec.fit.precision import still
 from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.fit.target import Slope
@@ -115,14 +114,6 @@ def first_rate(name: str) -> float:
     rate = MAIN.rates[name]
     assert isinstance(rate, float)
     return rate * MAIN.rule.agreeing * MAIN.decay(0) / MAIN.warm_up
-
-
-def test_what_moves_by_half_a_pixel_moves() -> None:
-    gop = still(making.random_gop(np.random.default_rng(0), 6))
-    gop.linear[1:4, 0] = 2 / 96 * np.array([0.4, 0.6, -0.6])
-    gop.linear[4, 1] = 2 / 64 * 0.3
-    gop.quadratic[4] = 2 / 64 * 0.3
-    assert moving_of(gop, (96, 64)).tolist() == [False, False, True, True, True, False]
 
 
 class TestPruning:
