@@ -30,7 +30,7 @@ class Number:
     def __init__(self, slope: Slope) -> None:
         self._slope = slope
         self._last: NDArray[np.bool_] | None = None  # (N,) which came last; None = not known
-        self._paid = [SLOPE.paid_first]  # what each look has found
+        self._paid = [1.0]  # as is usual, and what each look has found
 
     def rearranged(self, order: NDArray[np.intp], moved: NDArray[np.bool_] | None) -> None:
         """Follow the Gaussians into another order; `moved`, (N,): those that came by that."""

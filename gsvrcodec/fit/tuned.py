@@ -205,10 +205,9 @@ class _Slope:
     moving_time: float = 1.5
     steps: float = 600.0  #: of a fit with the number by `fall` and bits alone
     #: what those that came last save in the median / their bits, where the number is by `fall`
-    paid_usual: float = 2.0
+    paid_usual: float = 1.4
     paid_power: float = 0.75  #: power by which the number grows with that
     paid_range: tuple[float, float] = (0.25, 1.6)  #: of the factor of the number that it gives
-    paid_first: float = 0.7  #: that factor, before any have come
     lasting: float = 0.3  #: power of what a GOP lasts by which its steps are finer
 
 
