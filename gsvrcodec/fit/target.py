@@ -136,8 +136,7 @@ class Slope(Target):
             moving: Share of the Gaussians that move.
             fitted: Gaussians that the time of the fit suffices for, by `SLOPE`'s times of each.
         """
-        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
-        count = SLOPE.fall * error * pixels / (bits * self.bit)
+        count = SLOPE.fall * error * pixels / (_gaussian_bits(moving) * self.bit)
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         time = SLOPE.still_time * (1 - moving) + SLOPE.moving_time * moving
         return max(1, round(min(count, self.most, fitted / time)))
@@ -149,12 +148,9 @@ class Slope(Target):
             losses: Squared error that is added without each of them; one at least.
             moving: Share of the Gaussians that move.
         """
-        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
-        usual, (low, high) = SLOPE.paid_usual * bits * self.bit, SLOPE.paid_range
-        median = max(float(np.median(losses)), 0.0)
-        if median >= usual * math.pow(high, 1 / SLOPE.paid_power):
-            return high
-        return max(low, math.pow(median / usual, SLOPE.paid_power))
+        usual, (low, high) = SLOPE.paid_usual * _gaussian_bits(moving) * self.bit, SLOPE.paid_range
+        worth = float(np.median(losses)) / usual if usual else math.inf
+        return min(max(low, math.pow(worth, SLOPE.paid_power)), high)
 
     def worthwhile(
         self, losses: NDArray[np.float64], moving: NDArray[np.bool_]
@@ -165,10 +161,15 @@ class Slope(Target):
             losses: (N,) squared error that is added without each Gaussian.
             moving: (N,) which of them move.
         """
-        bits = SLOPE.gaussian_bits + moving * SLOPE.motion_bits
+        bits = np.where(moving, _gaussian_bits(1.0), _gaussian_bits(0.0))
         chosen: NDArray[np.bool_] = losses >= bits * self.bit
         chosen[losses.argmax()] = True
         return chosen
+
+
+def _gaussian_bits(moving: float) -> float:
+    """Bits that a Gaussian takes in the mean, where a share of them moves."""
+    return SLOPE.gaussian_bits + moving * SLOPE.motion_bits
 
 
 def bit_worth(qscale: float) -> float:
