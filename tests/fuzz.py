@@ -143,7 +143,9 @@ def forged(data: bytes, draw: random.Random) -> bytes:
             plane = draw.randrange(14)
             at = next(i for i, piece in enumerate(chunks) if piece.type == GOP_TYPE)
             stuff = draw.randbytes(draw.choice((0, 1, 5, 60, 500)))
-            fields = draw.choice(({}, {"codec": draw.randrange(7)}, {"bits": draw.randrange(34)}))
+            fields = {"codec": draw.randrange(7), "bits": 1 + draw.randrange(16)}
+            fields |= {"first": draw.randrange(-(2**32), 2**32), "step": draw.randrange(2**16)}
+            fields = dict(draw.sample(sorted(fields.items()), draw.randrange(3)))
             chunks[at] = Piece(GOP_TYPE, with_plane(chunks[at].payload, plane, stuff, **fields))
         case _:
             draw.shuffle(chunks)

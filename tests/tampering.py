@@ -17,6 +17,7 @@ from gsvrcodec.bitstream.chunk import (
     chunk_bytes,
 )
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
+from gsvrcodec.bitstream.plane_codecs import take_entries
 
 
 @dataclass(frozen=True)
@@ -87,28 +88,23 @@ def patched(data: bytes, kind: bytes, offset: int, layout: str, *values: float |
 
 #: Offset of the plane table in a GOP whose timing is a single run of small numbers.
 TABLE_OFFSET = GOP_HEAD_BYTES + 3
-ENTRY_BYTES = 16
 #: Planes of a key GOP with a tri-plane, where pictures are means; in a predicted GOP that has new
 #: Gaussians too, the number of the plane `mode`.
 MODES = 14 + 3 * 6
 
 
-def with_plane(payload: bytes, plane: int, data: bytes, **fields: float) -> bytes:
+def with_plane(payload: bytes, plane: int, data: bytes, **fields: int) -> bytes:
     """A GOP's payload with one plane's bytes replaced, and fields of its table entry.
 
-    Fields: attribute, component, codec, bits, offset, step.
+    Fields: those of `CodedEntry`, `size` too; without it that of `data`.
     """
-    names = ("attribute", "component", "codec", "bits", "offset", "step", "size")
-    layout = struct.Struct("<BBBBffI")
     (planes,) = struct.unpack_from("<H", payload, SUMMARY_BYTES + 2)
-    starts = [TABLE_OFFSET + ENTRY_BYTES * i for i in range(planes)]
-    entries = [dict(zip(names, layout.unpack_from(payload, at), strict=True)) for at in starts]
+    entries, at = take_entries(payload, TABLE_OFFSET, planes)
     parts = []
-    at = TABLE_OFFSET + ENTRY_BYTES * planes
     for entry in entries:
-        parts.append(payload[at : at + entry["size"]])
-        at += entry["size"]
+        parts.append(payload[at : at + entry.size])
+        at += entry.size
     parts[plane] = data
-    entries[plane] |= {**fields, "size": len(data)}
-    table = b"".join(layout.pack(*(entry[name] for name in names)) for entry in entries)
+    entries[plane] = entries[plane]._replace(**{"size": len(data), **fields})
+    table = b"".join(entry.to_bytes() for entry in entries)
     return payload[:TABLE_OFFSET] + table + b"".join([*parts, payload[at:]])

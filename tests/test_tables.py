@@ -58,7 +58,7 @@ class TestSpecification:
             ("## 3. ", [chunk._FIELDS, chunk._CRC]),
             ("## 4. ", [header._LAYOUT]),
             ("### 5.1 ", [gop_head._SUMMARY, gop_head._SHAPE]),
-            ("### 5.3 ", [plane_codecs.PLANE_ENTRY]),
+            ("### 5.3 ", [plane_codecs.ENTRY_START]),
             ("## 9. ", [index._ENTRY]),
         ],
     )
@@ -115,7 +115,6 @@ class TestPlayer:
             ("gop_head", "SUMMARY_BYTES", gop_head.SUMMARY_BYTES),
             ("gop_head", "GOP_HEAD_BYTES", gop_head.GOP_HEAD_BYTES),
             ("header", "HEADER_BYTES", header.HEADER_BYTES),
-            ("header", "FIRST_CANDIDATE_BYTES", header._FIRST_CANDIDATE_BYTES),
             ("index", "ENTRY_BYTES", index.ENTRY_BYTES),
             ("refinement", "MOST_BITS", refinement.MOST_BITS),
             ("layers", "LEAST_WAY", layers.DYNAMIC_DISPLACEMENT),

@@ -19,7 +19,7 @@ from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.header import HEADER_BYTES
 from gsvrcodec.bitstream.index import END_BYTES, ENTRY_BYTES
-from gsvrcodec.bitstream.plane_table import PLANE_ENTRY_BYTES
+from gsvrcodec.bitstream.plane_codecs import ENTRY_START
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
 from gsvrcodec.model.gop import Gop
@@ -299,7 +299,7 @@ class TestSpec:
 
     def test_byte_tables_have_no_holes(self) -> None:
         sizes = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "i64": 8, "f32": 4}
-        sizes |= {"[4]": 4, "[44]": 44, "[length]": 0}
+        sizes |= {"[4]": 4, "[44]": 44, "[length]": 0, "varint": 0}
         ends = []
         tables = re.findall(r"^\| offset.*\n\|[-|]+\n((?:\|.*\n)+)", SPEC.read_text(), re.M)
         for table in tables:
@@ -309,7 +309,7 @@ class TestSpec:
                 end += sizes[kind]
             ends.append(end)
         heads = [OVERHEAD_BYTES, HEADER_BYTES, GOP_HEAD_BYTES]
-        assert ends == [*heads, PLANE_ENTRY_BYTES, ENTRY_BYTES, END_BYTES]
+        assert ends == [*heads, ENTRY_START.size, ENTRY_BYTES, END_BYTES]
 
     def test_names_every_limit_with_its_default(self) -> None:
         table = re.findall(r"\| ([^|]+?) \| (GSVR_LIMIT_\w+) \|$", SPEC.read_text(), re.M)

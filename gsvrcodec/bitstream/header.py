@@ -26,11 +26,11 @@ UNKNOWN_GRID = (2**16 - 1,) * 3
 
 _VERSION = struct.Struct("<HH")
 _FLAGS = struct.Struct("<I")
-_LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI BB")
+_LAYOUT = struct.Struct("<HH IIIIII HBBBBBB II II HHH QI B")
 HEADER_BYTES = _LAYOUT.size
 
-#: Bytes of the header in files of the first release candidate, whose pictures were all sums.
-_FIRST_CANDIDATE_BYTES = 70
+#: Release candidates of this version that were withdrawn, by the bytes of their header.
+_CANDIDATES = {70: "first", 72: "second"}
 #: How pictures are formed, by number.
 _BLENDINGS: tuple[Blending, ...] = ("sum", "mean")
 _BLENDING_OFFSET = 70
@@ -125,7 +125,6 @@ class Header:
                 self.frames,
                 self.gops,
                 _BLENDINGS.index(self.blending),
-                0,
             )
         except struct.error as error:
             raise ValueError(f"a header field is out of range: {error}") from error
@@ -136,7 +135,7 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
     """Read and check the payload of a header chunk.
 
     Raises:
-        UnsupportedError: Another major version, a header of the first release candidate, an unknown
+        UnsupportedError: Another major version, a header of a release candidate, an unknown
             must-understand flag, or an unknown way to form pictures.
         LimitError: The picture or a maximum is over `limits`.
         CorruptError: A field breaks a rule of the spec.
@@ -151,9 +150,10 @@ def parse_header(payload: bytes, limits: Limits) -> Header:
             + ": encode the video anew"
             * (major < VERSION_MAJOR)
         )
-    if minor == 0 and len(payload) == _FIRST_CANDIDATE_BYTES:
+    if minor == 0 and len(payload) in _CANDIDATES:
         raise UnsupportedError(
-            f"the file has bitstream version {major}.{minor} as of its first release candidate, "
+            f"the file has bitstream version {major}.{minor} as of its {_CANDIDATES[len(payload)]} "
+            "release candidate, "
             "which this decoder does not read: encode the video anew"
         )
     # A newer minor version may append fields; in our own version the length is fixed.
@@ -211,7 +211,6 @@ def _unpack(payload: bytes) -> Header:
         frames,
         gops,
         blending,
-        reserved,
     ) = _LAYOUT.unpack_from(payload)
     major, minor, required, optional = versions_and_flags
     if not (aspect_num and aspect_den):
@@ -220,8 +219,6 @@ def _unpack(payload: bytes) -> Header:
         raise CorruptError(f"time base {base_num}/{base_den}")
     if full_range > 1:
         raise CorruptError(f"colour range {full_range}, expected 0 or 1")
-    if reserved:
-        raise CorruptError(f"reserved byte of the header is {reserved}, expected 0")
     return Header(
         version_major=major,
         version_minor=minor,

@@ -16,8 +16,8 @@ def put_varint(out: bytearray, number: int) -> None:
     out.append(number)
 
 
-def take_varint(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the varint at byte `offset`, and the offset after it.
+def take_varint(data: bytes, offset: int, where: str = "timing run") -> tuple[int, int]:
+    """Return the varint at byte `offset`, and the offset after it; `where` it stands, for errors.
 
     Raises:
         CorruptError: The varint is cut short, or longer than it need be.
@@ -29,4 +29,4 @@ def take_varint(data: bytes, offset: int) -> tuple[int, int]:
             if position and not byte:
                 break
             return number, offset + position + 1
-    raise CorruptError("timing run cut short or with an overlong number")
+    raise CorruptError(f"{where} cut short or with an overlong number")

@@ -191,9 +191,9 @@ def carried_of(fit: Fit, gop: Gop, precision: Precision) -> Carried | None:
     numbers = np.flatnonzero(fit.anchor.carried)
     numbers = numbers[np.argsort(fit.anchor.source[numbers])]
     gop, precision = select_gaussians(gop, numbers), of_carried(precision)
-    half = np.pi / 2
+    turn = np.pi / fit.anchor.units.rotation[numbers]  # half a circle
     values = {name: getattr(gop, name) for name in LOOK}
-    values["rotation"] = (values["rotation"] + half) % np.pi - half
+    values["rotation"] = (values["rotation"] + turn / 2) % turn - turn / 2
 
     def rounds_to_nothing(name: str, value: Float32Array) -> NDArray[np.bool_]:
         columns = value if value.ndim > 1 else value[:, None]

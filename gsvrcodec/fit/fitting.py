@@ -141,6 +141,8 @@ def price_of(
 ) -> Price:
     """Return the price of bits for a fit of `parameters` that is stored at a qscale."""
     found = sensitivities(footage, parameters.gop(), rng, parameters.backend)
+    if parameters.anchor is not None:
+        found = parameters.anchor.costs(found)
     weight = bit_worth(qscale) / (255.0**2 * footage.pixels)
     return Price(equal_slope_steps(found, qscale), weight, parameters.backend.device)
 

@@ -19,7 +19,13 @@ from gsvrcodec.fit.recipe import FitOptions, Recipe, cosine
 from gsvrcodec.fit.start import tri_plane
 from gsvrcodec.fit.tuned import EFFORT
 from gsvrcodec.model.gop import Float32Array, Gop, GridSize
-from gsvrcodec.model.quantise import PAPER_BITS, dequantised
+from gsvrcodec.model.quantise import (
+    LEAST_VALUE,
+    MOST_MULTIPLE,
+    PAPER_BITS,
+    STEP_DIGITS,
+    dequantised,
+)
 from gsvrcodec.render.backend import AdamRule, Backend
 
 #: The publication's rates; no coarse stage.
@@ -114,12 +120,16 @@ def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
 
 
 def _over_range(values: Tensor, bits: int) -> Tensor:
-    """Round to equal steps from the smallest value of a component to its largest."""
+    """Round to the steps of a file that span the values of each component; see `Quantiser.fit`."""
     columns = values.reshape(len(values), -1) if values.dim() < 3 else values.flatten(0, 1)
-    low, high = torch.aminmax(columns, dim=0)
-    step = ((high - low) / ((1 << bits) - 1)).clamp(min=torch.finfo(torch.float32).tiny)
-    codes = ((columns - low) / step).round_()
-    return codes.mul_(step).add_(low).view_as(values)
+    low, high = (end.double() for end in torch.aminmax(columns, dim=0))
+    span = (high - low) / max((1 << bits) - 2, 1)
+    finest = torch.maximum(-low, high) / MOST_MULTIPLE
+    fraction, exponent = torch.frexp(torch.maximum(span, finest).clamp(min=LEAST_VALUE))
+    step = torch.ldexp((fraction * 2**STEP_DIGITS).ceil(), exponent - STEP_DIGITS)
+    first = (low / step).floor()
+    codes = (columns / step - first).round_().clamp_(0, (1 << bits) - 1)
+    return codes.add_(first).mul_(step).to(values.dtype).view_as(values)
 
 
 def as_published(fit: Fit, backend: Backend) -> Quantised:

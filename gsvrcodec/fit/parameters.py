@@ -14,7 +14,7 @@ from gsvrcodec.fit.recipe import Deform
 from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.prediction import Look
+from gsvrcodec.model.prediction import Look, change_units
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.render.backend import Backend, Samples, Scalar
 
@@ -26,8 +26,8 @@ LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
 class Anchor:
     """What N stored Gaussians are relative to; new ones are relative to nothing.
 
-    A carried Gaussian stores the change of its look at the time `start`; its canonical position
-    follows from that and its motion (spec section "Prediction").
+    A carried Gaussian stores the change of its look at the time `start`, in units of its own; its
+    canonical position follows from that and its motion (spec section "Prediction").
     """
 
     start: float  #: when carried Gaussians begin to move, in units of tau
@@ -41,7 +41,11 @@ class Anchor:
 
     def gop(self, stored: Gop) -> Gop:
         """Return the Gaussians that stored values stand for."""
-        values = {name: getattr(stored, name) + getattr(self.look, name) for name in LOOK}
+        units = self.units
+        values = {
+            name: getattr(stored, name) * getattr(units, name) + getattr(self.look, name)
+            for name in LOOK
+        }
         values["position"] = values["position"] - self._way(stored)
         return replace(stored, **values)
 
@@ -51,7 +55,27 @@ class Anchor:
             **{name: getattr(gop, name) for name in LOOK},
             "position": gop.position + self._way(gop),
         }
-        return replace(gop, **{name: v - getattr(self.look, name) for name, v in values.items()})
+        units = self.units
+        return replace(
+            gop,
+            **{
+                name: (v - getattr(self.look, name)) / getattr(units, name)
+                for name, v in values.items()
+            },
+        )
+
+    @property
+    def units(self) -> Look:
+        """What a stored value of 1 stands for; ones where new, since `look` has zeros there."""
+        return change_units(self.look)
+
+    def costs(self, sensitivities: Gop) -> Gop:
+        """Return the sensitivities of stored values, from those of what is drawn."""
+        units = self.units
+        values = {
+            name: getattr(sensitivities, name) * np.square(getattr(units, name)) for name in LOOK
+        }
+        return replace(sensitivities, **values)
 
     def _way(self, gop: Gop) -> Float32Array:
         """Motion at the time `start`, (N, 2); zeros where new."""
@@ -73,10 +97,17 @@ class Anchor:
         return Anchor(self.start, self.look[np.arange(len(self.source))], self.source.copy())
 
     def tensors(self, device: str) -> dict[str, torch.Tensor]:
-        """The look on a device, and "carried", 1 or 0, (N, 1)."""
+        """The look and its units on a device, and "carried", 1 or 0, (N, 1)."""
         out = {name: torch.from_numpy(getattr(self.look, name)).to(device) for name in LOOK}
         carried: Float32Array = self.carried[:, None].astype(np.float32)
+        units = self.units
+        out |= {_unit_of(name): torch.from_numpy(getattr(units, name)).to(device) for name in LOOK}
         return out | {"carried": torch.from_numpy(carried).to(device)}
+
+
+def _unit_of(name: str) -> str:
+    """The key of an attribute's units among the tensors of an anchor."""
+    return f"unit of {name}"
 
 
 NAMES = Gop.__slots__
@@ -202,15 +233,21 @@ class Parameters:
             every = self._fixed | self.raw
             for name, power in self._powers():
                 found["position"] += power * every[name]
-        return found
+        return {name: value / self._anchored[_unit_of(name)] for name, value in found.items()}
 
-    def add_slope_of_place(self, slopes: Tensors) -> None:
-        """Add to slopes of motion, in place, that of what is stored of a place, which follows it.
+    def pass_back(self, slopes: Tensors) -> None:
+        """Turn slopes of what is stored into those of `raw`, in place.
+
+        The changes of a carried Gaussian have units; that of its place follows its motion besides.
 
         Args:
             slopes: of `changes` and of motion, by name.
         """
-        if self._anchored is not None and "linear" in self.raw:
+        if self._anchored is None:
+            return
+        for name in slopes.keys() & LOOK:
+            slopes[name] /= self._anchored[_unit_of(name)]
+        if "linear" in self.raw:
             for name, power in self._powers():
                 slopes[name] += power * slopes["position"]
 

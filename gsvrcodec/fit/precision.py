@@ -15,7 +15,7 @@ from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import PREDICTION, RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Float32Array, Gop
-from gsvrcodec.model.quantise import Precision, Refined, Steps
+from gsvrcodec.model.quantise import Precision, Refined, Steps, short_step
 from gsvrcodec.model.refinement import REFINED, Levels, Refinement, levels
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.render.backend import Backend
@@ -156,8 +156,8 @@ def equal_slope_steps(sensitivities: Gop, qscale: float) -> Steps:
         coarser = STEPS.coarser.get(attribute.name, 1.0)
         wanted = coarser * qscale * np.sqrt(12 * STEPS.unit / np.maximum(mean, 1e-30))
         wanted = np.clip(wanted, STEPS.smallest, STEPS.largest[attribute.name])
-        if attribute.name == "rotation":  # so that half a circle is a whole number of steps
-            wanted = math.pi / np.round(math.pi / wanted)
+        if attribute.name == "rotation":
+            wanted = _of_half_turn(wanted)
         elif attribute.name == "indicator":  # so that 1 is a whole number of steps
             wanted = 2.0 ** np.round(np.log2(wanted))
         else:
@@ -192,12 +192,13 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
             counted = moving if name in ("linear", "quadratic") else slice(None)
             if not len(own[counted]):
                 continue
-            refinement, coarser = _best_refinement(costs[name][counted], own[counted])
-            wanted = coarser * plain[name]
+            most, coarsest = STEPS.most_refined, STEPS.coarsest
             if name == "rotation":
-                wanted = math.pi / np.maximum(np.round(math.pi / wanted), 2)
-            else:
-                wanted = _short(wanted)
+                most, coarsest = STEPS.most_turned, math.inf
+            of_counted = costs[name][counted], own[counted]
+            refinement, coarser = _best_refinement(*of_counted, most, coarsest)
+            wanted = coarser * plain[name]
+            wanted = _of_half_turn(wanted, 2) if name == "rotation" else _short(wanted)
             precision[name] = Refined(tuple(wanted.tolist()), refinement)
             if name == "log_scale":  # levels follow from rounded values
                 step = wanted.astype(np.float32)
@@ -228,31 +229,38 @@ def steps_of_predicted(
     return precision
 
 
-def _best_refinement(costs: NDArray[np.float64], own_levels: Levels) -> tuple[Refinement, float]:
+def _best_refinement(
+    costs: NDArray[np.float64], own_levels: Levels, most: int, coarsest: float
+) -> tuple[Refinement, float]:
     """The refinement that saves most bits at equal cost, and how much coarser its steps are.
-
-    Steps grow by at most `STEPS.coarsest`.
 
     Args:
         costs: Sensitivity of each value, (N,).
         own_levels: Level of each Gaussian, (N,).
+        most: Most bits of a value.
+        coarsest: Cap on how much coarser steps are.
     """
     best = -math.inf, Refinement(), 1.0
     for least in range(int(own_levels.min()), int(own_levels.max()) + 1):
-        refinement = Refinement(least, STEPS.most_refined)
+        refinement = Refinement(least, most)
         bits = refinement.bits(own_levels)
         left = (costs * 4.0**-bits).mean()
         coarser = math.sqrt(costs.mean() / left) if left > 0 else 1.0
         saved = math.log2(coarser) - bits.mean()
-        if saved > best[0] and coarser <= STEPS.coarsest:
+        if saved > best[0] and coarser <= coarsest:
             best = saved, refinement, coarser
     return best[1:]
 
 
 def _short(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Steps of six binary digits, so that their multiples are exact in binary32."""
-    digits, exponent = np.frexp(steps)
-    return np.ldexp(np.round(digits * 64) / 64, exponent)
+    return np.array([short_step(step, 6) for step in steps])
+
+
+def _of_half_turn(steps: NDArray[np.float64], least: int = 1) -> NDArray[np.float64]:
+    """Steps of which a whole number, at least `least`, is half a circle, as a file has them."""
+    wanted = math.pi / np.maximum(np.round(math.pi / steps), least)
+    return np.array([short_step(step) for step in wanted])
 
 
 def still(gop: Gop) -> Gop:

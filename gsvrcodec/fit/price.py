@@ -67,5 +67,5 @@ class Price:
             of_reference = None if name in MOTION else carried
             slope = parameters.backend.price_slopes(columns, step, of_reference, prices)
             slopes[name] = slope.mul_(self._weight).reshape(value.shape)
-        parameters.add_slope_of_place(slopes)
+        parameters.pass_back(slopes)
         return slopes

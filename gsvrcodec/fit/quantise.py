@@ -135,6 +135,7 @@ def with_places_for(gop: Gop, precision: Precision, anchor: Anchor) -> Gop:
     share = start * (start**2 - 1 / 3) / (start**2 + 1 / 3)
     linear = (gop.linear - share * alone * curve).astype(np.float32)
     way = start * error("linear", linear) + start**2 * curve
+    way = way / anchor.units.position
     place = gop.position + (anchor.carried[:, None] & ~alone) * way
     return replace(gop, linear=linear, position=place.astype(np.float32))
 
@@ -287,6 +288,8 @@ def quantisable(
         at_rest, _ = of_motion(fit.drawn(still(fit.gop)), rng, backend, frames=2)
         before = fit.drawn(without_changes(fit.gop, fit.anchor.carried))
         as_before = sensitivities(fit.footage, before, rng, backend, frames=2)
+        costs = fit.anchor.costs
+        found, in_place, at_rest, as_before = map(costs, (found, in_place, at_rest, as_before))
     added = losses(gop, fit.footage, backend) if slope is not None and fit.anchor is None else None
     states = at_rest, in_place, as_before
     return QuantisedFit(fit, found, options, backend, measure, seed, *states, slope, added)

@@ -181,10 +181,14 @@ class _Steps:
     #: step / equal-slope step: attributes rounded later make up for these
     coarser: Mapping[str, float] = field(default_factory=lambda: {"log_scale": 1.5})
     frames: int = 8  #: frames that sensitivities are measured in
-    most_refined: int = 3  #: most bits by which a Gaussian is finer than others
+    #: most bits by which a Gaussian is finer than others; of its rotation, which for slender ones
+    #: has to be finer by far
+    most_refined: int = 3
+    most_turned: int = 8
     #: times that refinements are chosen: each time by levels of values as rounded by the last
     refinements: int = 2
-    coarsest: float = 4.0  #: cap on steps of base values / steps without refinement
+    #: cap on steps of base values / steps without refinement; that of rotations has none
+    coarsest: float = 4.0
     #: worth of motion at qscale 1 below which a Gaussian is static, squared 8-bit codes: ten bits
     static_worth: float = 1500.0
     opacity_bits: float = 10.0  #: worth of an opacity below which it is stored as 1, bits

@@ -22,7 +22,7 @@ GridKind = Literal["gaussians", "xy", "xt", "yt", "reference", "changed", "moved
 class Attribute:
     """One field of a `Gop`; each component is coded as a plane."""
 
-    id: int  #: number in the plane table
+    id: int  #: its number: planes stand in ascending order of numbers
     name: str  #: field of `Gop`
     components: int  #: number of components, so of planes
     grid: GridKind  #: grid of the samples, which sets the size of the planes
@@ -50,6 +50,7 @@ MODE = Attribute(11, "mode", 1, "reference", 0.0, 7.0)
 #: What a predicted GOP stores of the Gaussians that it carries over.
 CARRIED_ATTRIBUTES = (
     MODE,
+    # Changes are stored in units of the Gaussian: `prediction.change_units`.
     Attribute(12, "position_change", 2, "changed", -1024.0, 1024.0, "position"),
     Attribute(13, "log_scale_change", 2, "changed", -45.0, 45.0, "log_scale"),
     Attribute(14, "rotation_change", 1, "changed", -64.0, 64.0, "rotation"),
@@ -61,7 +62,6 @@ CARRIED_ATTRIBUTES = (
 )
 #: Every attribute, in the order of the plane table.
 ALL_ATTRIBUTES = (*ATTRIBUTES, *CARRIED_ATTRIBUTES)
-ATTRIBUTE_BY_ID = {attribute.id: attribute for attribute in ALL_ATTRIBUTES}
 
 
 @cache

@@ -35,10 +35,11 @@ class Carried:
     """What a predicted GOP stores of the Gaussians of its reference; arrays are C-contiguous."""
 
     mode: Modes  #: (M,) of each Gaussian of the reference
-    # Changes of the C Gaussians with the bit CHANGED, in the order of the reference.
-    position: Float32Array  #: (C, 2) the frame spans [-1, 1]
+    # Changes of the C Gaussians with the bit CHANGED, in the order of the reference, in units of
+    # `change_units`.
+    position: Float32Array  #: (C, 2)
     log_scale: Float32Array  #: (C, 2)
-    rotation: Float32Array  #: (C,) radians
+    rotation: Float32Array  #: (C,)
     colour: Float32Array  #: (C, 3)
     log_opacity: Float32Array  #: (C,)
     # Motion of the V Gaussians with the bit MOVED, in the order of the reference.
@@ -87,6 +88,17 @@ def look_at(gop: Gop, tau: float, blending: Blending = "mean") -> Look:
     look = Look(*(np.empty_like(getattr(gop, name)) for name in _LOOK))
     _core.look_at(parameters_of(gop), tau, blending == "mean", arrays_of(look))
     return look
+
+
+def change_units(look: Look) -> Look:
+    """Return what a stored change of 1 adds to each value of a look.
+
+    It follows from the size, the shape and the opacity of the Gaussian: a large one may be off by
+    more in its place, a slender one by less in its rotation.
+    """
+    units = Look(*(np.empty_like(getattr(look, name)) for name in _LOOK))
+    _core.change_units(arrays_of(look), arrays_of(units))
+    return units
 
 
 def last_time(frames: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
@@ -47,12 +47,54 @@ class Refined:
 Precision = Mapping[str, int | tuple[float, ...] | Refined]
 
 
+#: Binary digits of a step, which a file has in 16 bits (spec section "Plane table").
+STEP_DIGITS = 9
+#: Exponent of the last digit of a step of 1, and of the least step.
+_STEP_BIAS = 136
+#: Multiples of a step that values may be: a file has them as zigzag varints of at most 32 bits.
+MOST_MULTIPLE = 2**30
+#: Magnitude up to which a value counts as 0 where all values are equal.
+LEAST_VALUE = 2.0**-96
+
+
+def short_step(
+    step: float, digits: int = STEP_DIGITS, whole: Callable[[float], int] = round
+) -> float:
+    """Return the nearest step of so many binary digits, which may be at most those of a file.
+
+    Args:
+        step: Above 0.
+        digits: Of the step.
+        whole: `math.ceil` for the next longer step, `math.floor` for the next shorter one.
+    """
+    fraction, exponent = math.frexp(step)
+    return math.ldexp(whole(math.ldexp(fraction, digits)), exponent - digits)
+
+
+def step_number(step: float) -> int:
+    """Return the 16 bits that stand for a step.
+
+    Raises:
+        ValueError: The step has more than nine binary digits, or is far too small or large.
+    """
+    fraction, exponent = math.frexp(step)
+    mantissa, octave = math.ldexp(fraction, STEP_DIGITS), exponent - STEP_DIGITS + _STEP_BIAS
+    if not (mantissa.is_integer() and mantissa > 0 and 0 <= octave < 256):
+        raise ValueError(f"no step of a quantiser: {step}")
+    return int(mantissa) - 256 + 256 * octave
+
+
+def step_of(number: int) -> float:
+    """Return the step that 16 bits stand for."""
+    return math.ldexp(256 + number % 256, number // 256 - _STEP_BIAS)
+
+
 class Quantiser(NamedTuple):
-    """value = offset + step * code, for codes of `bits` bits (spec section "Dequantisation")."""
+    """value = (first + code) * step, for codes of `bits` bits (spec section "Dequantisation")."""
 
     bits: int  #: 1 to 16
-    offset: float  #: value of code 0; a float32
-    step: float  #: difference of neighbouring values; a float32, 0 = every code means `offset`
+    first: int  #: value of code 0, steps
+    step: float  #: difference of neighbouring values, above 0; at most nine binary digits
 
     @classmethod
     def choose(
@@ -61,46 +103,63 @@ class Quantiser(NamedTuple):
         """The quantiser of one component of an attribute, by the steps or bits of `precision`.
 
         Raises:
-            ValueError: A value is not finite.
+            ValueError: A value is not finite or, where bits are wanted, out of the spec's bounds.
         """
         own = attribute.name in precision
         wanted = precision[attribute.name if own else attribute.change_of]
+        bounds = attribute.low, attribute.high
         if isinstance(wanted, int):
-            return cls.fit(values, wanted)
+            low, high = float(values.min()), float(values.max())
+            if low < bounds[0] or high > bounds[1]:
+                raise ValueError(
+                    f"{attribute.name} spans {low:g} to {high:g}, "
+                    f"allowed is {bounds[0]:g} to {bounds[1]:g}"
+                )
+            return cls.fit(values, wanted, bounds)
         if isinstance(wanted, Refined):
             wanted = wanted.steps
-        return cls.of_step(values, wanted[part], (attribute.low, attribute.high))
+        return cls.of_step(values, wanted[part], bounds)
 
     @classmethod
-    def fit(cls, values: NDArray[np.floating], bits: int) -> Self:
+    def fit(cls, values: NDArray[np.floating], bits: int, bounds: tuple[float, float]) -> Self:
         """The quantiser whose codes span the values from the smallest to the largest.
+
+        Where all values are equal, one bit is enough for them, or for 0 below 2^-96. Else one code
+        in 2**bits is to spare, so that code 0 may be a multiple of the step. Values are clipped
+        with a bit a value, to two multiples, and where they reach over nearly all of the bounds.
 
         Args:
             values: Any shape, at least one value, all finite.
             bits: 1 to 16.
+            bounds: Least and largest value that a code may stand for.
 
         Raises:
             ValueError: A value is not finite.
         """
-        low, high = float(values.min()), float(values.max())
+        low, high = (float(np.float32(value)) for value in (values.min(), values.max()))
         if not (np.isfinite(low) and np.isfinite(high)):
             raise ValueError("a value to quantise is not finite")
-        offset = np.float32(low)
-        step = np.float32((high - float(offset)) / ((1 << bits) - 1))
-        return cls(bits, float(offset), float(max(step, np.float32(0))))
+        if low == high:
+            steps, parts = low.as_integer_ratio() if abs(low) > LEAST_VALUE else (0, 1)
+            return cls(1, steps - (steps > 0), 1 / parts)  # both codes are nearer to 0
+        span, most = (high - low) / max((1 << bits) - 2, 1), (1 << bits) - 1
+        wanted = short_step(max(span, max(-low, high) / MOST_MULTIPLE), whole=math.ceil)
+        step = min(wanted, short_step((bounds[1] - bounds[0]) / (most + 1), whole=math.floor))
+        first = min(math.floor(low / step), math.floor(bounds[1] / step) - most)
+        return cls(bits, max(first, math.ceil(bounds[0] / step)), step)
 
     @classmethod
     def of_step(
         cls, values: NDArray[np.floating], step: float, bounds: tuple[float, float]
     ) -> Self:
-        """The quantiser to whole multiples of `step`, with as many bits as the values need.
+        """The quantiser to whole multiples of a step, with as many bits as the values need.
 
         Where 16 bits or the bounds are too narrow for all values, values are clipped to the
         multiples around the median.
 
         Args:
             values: Any shape, at least one value, all finite.
-            step: Above 0.
+            step: Above 0; rounded to the nearest that a file can hold.
             bounds: Least and largest value that a code may stand for.
 
         Raises:
@@ -108,8 +167,9 @@ class Quantiser(NamedTuple):
         """
         if not np.isfinite(values).all():
             raise ValueError("a value to quantise is not finite")
-        size = float(np.float32(step))
-        least, most = math.ceil(bounds[0] / size), math.floor(bounds[1] / size) - 1
+        size = short_step(step)
+        least = max(math.ceil(bounds[0] / size), -MOST_MULTIPLE)
+        most = min(math.floor(bounds[1] / size), MOST_MULTIPLE) - 1
         codes = np.clip(np.rint(np.asarray(values, np.float64) / size), least, most)
         low, high = int(codes.min()), int(codes.max())
         room = (most - least + 1).bit_length() - 1
@@ -117,17 +177,20 @@ class Quantiser(NamedTuple):
         if high - low >> bits:
             low = round(float(np.median(codes))) - (1 << (bits - 1))
         low = max(least, min(low, most + 1 - (1 << bits)))
-        return cls(bits, float(np.float32(low * size)), size)
+        return cls(bits, low, size)
+
+    @property
+    def offset(self) -> float:
+        """Value of code 0; exact."""
+        return self.first * self.step
 
     @property
     def last(self) -> float:
-        """Value of the largest code, 2**bits - 1."""
-        return self.offset + self.step * ((1 << self.bits) - 1)
+        """Value of the largest code, 2**bits - 1; exact."""
+        return (self.first + (1 << self.bits) - 1) * self.step
 
     def quantise(self, values: NDArray[np.floating]) -> NDArray[np.uint16]:
         """Nearest codes, rounded half to even and clipped to 0 .. 2**bits - 1."""
-        if not self.step:
-            return np.zeros(values.shape, np.uint16)
         codes = np.rint((values.astype(np.float64) - self.offset) / self.step)
         return np.clip(codes, 0, (1 << self.bits) - 1).astype(np.uint16)
 
@@ -141,25 +204,24 @@ class Quantiser(NamedTuple):
             codes: Of the values, from `quantise`.
             bits: How many bits refine each value.
         """
-        if not self.step:
-            return np.zeros(values.shape, np.uint8)
         inside = (values.astype(np.float64) - self.offset) / self.step - codes + 0.5
         parts = np.floor(np.ldexp(inside, bits))
         return np.clip(parts, 0, np.ldexp(1.0, bits) - 1).astype(np.uint8)
 
 
 #: Quantiser of `mode`; the greatest mode is 4.
-MODE_QUANTISER = Quantiser(3, 0.0, 1.0)
+MODE_QUANTISER = Quantiser(3, 0, 1.0)
 
 
 def component(
-    values: NDArray[np.floating], attribute: Attribute, part: int
+    values: NDArray[np.floating], attribute: Attribute, part: int, *, changes: bool = False
 ) -> NDArray[np.floating]:
-    """Values of one component of an attribute; rotations are wrapped to [0, pi)."""
+    """Values of one component of an attribute; rotations, not changes, are wrapped to [0, pi)."""
     if attribute.components > 1:
         values = values[..., part]
     # A Gaussian has period pi in its rotation; values of one period need the fewest bits.
-    return np.mod(values, np.pi) if attribute.name == "rotation" else values
+    wrapped = attribute.name == "rotation" and not changes
+    return np.mod(values, np.pi) if wrapped else values
 
 
 def quantiser_of(
@@ -172,13 +234,7 @@ def quantiser_of(
     """
     if attribute is MODE:
         return MODE_QUANTISER
-    quantiser = Quantiser.choose(values, attribute, part, precision)
-    if quantiser.offset < attribute.low or quantiser.last > attribute.high:
-        raise ValueError(
-            f"{attribute.name} spans {quantiser.offset:g} to {quantiser.last:g}, "
-            f"allowed is {attribute.low:g} to {attribute.high:g}"
-        )
-    return quantiser
+    return Quantiser.choose(values, attribute, part, precision)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,8 +297,16 @@ def quantised(
     values: Mapping[str, NDArray[np.floating]],
     attributes: Iterable[Attribute],
     precision: Precision,
+    *,
+    changes: bool = False,
 ) -> dict[str, tuple[Coded, ...]]:
     """Quantise the components of attributes, without those that have no samples.
+
+    Args:
+        values: By attribute name, of values or, with `changes`, of what is added to a reference.
+        attributes: To quantise.
+        precision: Bits or quantiser steps.
+        changes: Whether the values are changes, of which rotations have no period.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds.
@@ -253,7 +317,7 @@ def quantised(
             continue
         parts = []
         for part in range(attribute.components):
-            samples = component(values[attribute.name], attribute, part)
+            samples = component(values[attribute.name], attribute, part, changes=changes)
             quantiser = quantiser_of(samples, attribute, part, precision)
             parts.append(Coded(attribute, samples, quantiser, quantiser.quantise(samples)))
         found[attribute.name] = tuple(parts)
@@ -324,14 +388,15 @@ def dequantised(gop: Gop, precision: Precision, carried: NDArray[np.bool_] | Non
     if carried is None:
         return _dequantised(gop, precision)
     new = _dequantised(select_gaussians(gop, ~carried), precision)
-    changes = _dequantised(select_gaussians(gop, carried), of_carried(precision))
+    changes = _dequantised(select_gaussians(gop, carried), of_carried(precision), changes=True)
     order = np.argsort(np.argsort(carried, kind="stable"), kind="stable")
     return select_gaussians(append_gaussians(new, changes), order)
 
 
-def _dequantised(gop: Gop, precision: Precision) -> Gop:
+def _dequantised(gop: Gop, precision: Precision, *, changes: bool = False) -> Gop:
     original = {a.name: getattr(gop, a.name) for a in ATTRIBUTES}
-    coded = quantised(original, [a for a in ATTRIBUTES if a.name in precision], precision)
+    wanted = [a for a in ATTRIBUTES if a.name in precision]
+    coded = quantised(original, wanted, precision, changes=changes)
     values = {name: values_of_coded(parts) for name, parts in coded.items()}
     bits = bits_of(values, refinements_of(precision)) if len(gop) else {}
     values |= {name: values_of_coded(coded[name], own) for name, own in bits.items()}

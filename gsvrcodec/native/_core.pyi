@@ -239,6 +239,9 @@ class Look:
 def look_at(parameters: Parameters, tau: float, mean: bool, out: Look) -> None:
     """Write the Gaussians of a GOP as drawn at a time."""
 
+def change_units(look: Look, out: Look) -> None:
+    """Write what a stored change of 1 adds to each value of a look."""
+
 def carry_over(
     reference: Parameters,
     tau: float,

@@ -63,10 +63,6 @@ export class Cursor {
     return this.view.getBigInt64(this.skip(8), true);
   }
 
-  f32() {
-    return this.view.getFloat32(this.skip(4), true);
-  }
-
   /** A varint as a BigInt. */
   varint() {
     let value = 0n;

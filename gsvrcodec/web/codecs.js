@@ -5,7 +5,7 @@ import { decodeContext } from "./context.js";
 import { check, UnsupportedError } from "./errors.js";
 import { inflate } from "./inflate.js";
 import { decodePng } from "./png.js";
-import { decodeRanges } from "./ranges.js";
+import { decodeRanges } from "./range_coder.js";
 
 /** Decoders by number: (cursor over the bytes of the plane, plane, samples to fill). */
 export const CODECS = [

@@ -17,7 +17,6 @@ import { refine } from "./refinement.js";
  * tri-plane, `{ size, xy, xt, yt }` of 8 channels, or null; `modes` one of each Gaussian of the
  * reference, or null in a key GOP; `changes` 9 floats of each changed Gaussian, `motions` 5 of each
  * moved one. Floats are in the order of section 5.4; those that the film has no planes of are 0.
- * `blending` is that of the header.
  */
 export async function unpackGop(payload, header) {
   const cursor = new Cursor(payload);

@@ -4,9 +4,9 @@ import { Cursor } from "./bytes.js";
 import { check, UnsupportedError } from "./errors.js";
 import { limit } from "./limits.js";
 
-const HEADER_BYTES = 72;
-/** Bytes of the header in files of the first release candidate, whose pictures were all sums. */
-const FIRST_CANDIDATE_BYTES = 70;
+const HEADER_BYTES = 71;
+/** Bytes of the header in files of release candidates that were withdrawn. */
+const CANDIDATES = [70, 72];
 /** How pictures are formed, by number. */
 const BLENDINGS = ["sum", "mean"];
 const MIRRORED = 2 ** 15;
@@ -24,10 +24,9 @@ export function parseHeader(payload) {
   if (version[0] !== 1) {
     throw new UnsupportedError(`The film has version ${version.join(".")}, the player knows 1.0.`);
   }
-  if (version[1] === 0 && payload.length === FIRST_CANDIDATE_BYTES) {
+  if (version[1] === 0 && CANDIDATES.includes(payload.length)) {
     throw new UnsupportedError(
-      "The film has version 1.0 as of its first release candidate, which the player does not "
-      + "read: encode the video anew.");
+      "The film is of an earlier release candidate of version 1.0: encode the video anew.");
   }
   const newer = version[1] > 0 && payload.length > HEADER_BYTES;
   check(newer || payload.length === HEADER_BYTES, `The header has ${payload.length} bytes.`);
@@ -40,7 +39,7 @@ export function parseHeader(payload) {
   const [mostGaussians, mostFrames] = pair().map((value) => maximum(value, 2 ** 32 - 1));
   const mostGrid = [0, 0, 0].map(() => maximum(cursor.u16(), 2 ** 16 - 1));
   const frames = Number(cursor.u64()), gops = cursor.u32();
-  const blending = cursor.u8(), reserved = cursor.u8();
+  const blending = cursor.u8();
 
   const positive = [width, height, ...sampleAspect, ...timeBase].every(Boolean);
   check(positive, "The header has a size, sample aspect ratio or time base of zero.");
@@ -50,7 +49,6 @@ export function parseHeader(payload) {
   if (blending >= BLENDINGS.length) {
     throw new UnsupportedError(`The film forms its pictures in an unknown way, ${blending}.`);
   }
-  check(reserved === 0, "A reserved byte of the header is not zero.");
   limit("width", width, "The width");
   limit("height", height, "The height");
   limit("pixels", width * height, "The number of pixels");

@@ -23,10 +23,11 @@ export function carryOver(own, reference) {
   let to = 0, change = 0, motion = 0;
   modes.forEach((mode, n) => {
     if (mode === DROPPED) return;
+    const units = mode & CHANGED ? unitsOf(before, n * LOOK_SLOTS) : [];
     for (let slot = 0; slot < LOOK_SLOTS; slot++) {
       const value = before[n * LOOK_SLOTS + slot];
-      const changed = mode & CHANGED ? Math.fround(value + changes[change++]) : value;
-      gaussians[to + slot] = bounded(changed, slot);
+      const added = mode & CHANGED ? units[slot] * changes[change++] : 0;
+      gaussians[to + slot] = bounded(Math.fround(value + added), slot);
     }
     gaussians[to + INDICATOR] = 1;
     for (let slot = INDICATOR; mode & MOVED && slot < SLOTS; slot++) {
@@ -40,6 +41,16 @@ export function carryOver(own, reference) {
     to += SLOTS;
   });
   return { pts, gaussians, grids, modes, blending };
+}
+
+/** Return what a stored change of 1 adds to each slot of the look at `at` (section 8.3). */
+function unitsOf(looks, at) {
+  const [l0, l1] = looks.subarray(at + LOG_SCALE), opacity = looks[at + LOG_OPACITY];
+  const area = l0 + l1, shape = Math.min(Math.abs(l0 - l1), 4);
+  const place = 3 * area - 4 * shape - opacity, scale = -area - shape - opacity;
+  const colour = -2 * area - opacity;
+  return [place, place, scale, scale, area - 7 * shape, colour, colour, colour, 0]
+    .map((eighths) => Math.exp(eighths / 8));
 }
 
 /**

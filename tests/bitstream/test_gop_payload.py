@@ -175,7 +175,7 @@ class TestPredicted:
                 one = original if attribute.components == 1 else original[:, part]
                 other = values if attribute.components == 1 else values[:, part]
                 if len(one):
-                    quantiser = Quantiser.fit(one, bits[name])
+                    quantiser = Quantiser.fit(one, bits[name], (attribute.low, attribute.high))
                     codes = quantiser.quantise(one)[None]
                     expected = values_of(codes, [quantiser], replace(attribute, components=1))
                     np.testing.assert_array_equal(other, expected)

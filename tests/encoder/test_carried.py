@@ -24,10 +24,10 @@ from gsvrcodec.model.prediction import (
     last_look,
     start_of_motion,
 )
-from gsvrcodec.model.quantise import dequantised
+from gsvrcodec.model.quantise import dequantised, short_step
 from tests.gops import make_gop
 
-STEPS = {a.name: (0.01,) * a.components for a in ATTRIBUTES} | {"rotation": (np.pi / 300,)}
+STEPS = {a.name: (short_step(0.01),) * a.components for a in ATTRIBUTES}
 FRAMES = 4
 
 
@@ -99,18 +99,20 @@ class TestModes:
     )
     def test_a_motion_counts_from_half_a_step_on(self, name: str, value: float) -> None:
         fit = predicted([0, 1], [], self.REFERENCE)
-        getattr(fit.gop, name)[0, ...] = value - 0.0049
-        getattr(fit.gop, name)[1, ...] = value - 0.0051
+        getattr(fit.gop, name)[0, ...] = value - 0.49 * STEPS[name][0]
+        getattr(fit.gop, name)[1, ...] = value - 0.51 * STEPS[name][0]
         found = stored(fit, fit.gop)
         assert found.mode[:2].tolist() == [0, MOVED]
         assert len(found.linear) == 1
 
     def test_half_a_turn_is_no_change(self) -> None:
         fit = predicted([0, 1, 2], [], self.REFERENCE)
-        fit.gop.rotation[:] = [np.pi, -5 * np.pi + 0.001, 3 * np.pi + 0.4]
+        assert fit.anchor is not None
+        units = fit.anchor.units.rotation
+        fit.gop.rotation[:] = np.array([np.pi, -5 * np.pi + 0.001, 3 * np.pi + 0.4]) / units
         found = stored(fit, fit.gop)
         assert found.mode[:3].tolist() == [0, 0, CHANGED]
-        np.testing.assert_allclose(found.rotation, [0.4], atol=1e-5)
+        np.testing.assert_allclose(found.rotation, 0.4 / units[2:], rtol=1e-4)
 
     def test_nothing_is_carried_on(self) -> None:
         fit = predicted([-1, -1], [2, 3], self.REFERENCE)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE, chunk_head
+from gsvrcodec.bitstream.plane_codecs import take_entries
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, NotGsvrError, UnsupportedError
 from gsvrcodec.limits import Limits
 from tests.cli.tools import Runner
@@ -193,10 +194,11 @@ class TestAttacker:
     @pytest.mark.parametrize("codec", ["png", "jxl", "deflate"])
     def test_changed_image_data_raises_our_errors_alone(self, codec: str) -> None:
         payload = make_payload(100, (8, 8, 8), pack=codec)
+        _, begin = take_entries(payload, TABLE_OFFSET, MODES)
         rng = np.random.default_rng(1)
         for _ in range(300):
             damaged = bytearray(payload)
-            for offset in rng.integers(TABLE_OFFSET + MODES * 16, len(payload), 2):
+            for offset in rng.integers(begin, len(payload), 2):
                 damaged[offset] = rng.integers(0, 256)
             try:
                 decode_all(make_file([bytes(damaged)]))

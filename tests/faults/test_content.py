@@ -23,6 +23,7 @@ from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, UnsupportedError
 from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.quantise import step_number
 from gsvrcodec.model.reconstruction import CUTOFF, GROUND, MOST_LOG_OPACITY, Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render.native import NativeBackend
@@ -40,7 +41,6 @@ from tests.gops import (
 )
 from tests.tampering import (
     MODES,
-    TABLE_OFFSET,
     Piece,
     edited,
     joined,
@@ -92,7 +92,7 @@ class TestHeader:
         assert "does not come after" in " ".join(reader.warnings)
 
 
-def gop_file(plane: int, data: bytes, **fields: float) -> bytes:
+def gop_file(plane: int, data: bytes, **fields: int) -> bytes:
     """A file of one GOP of 6 Gaussians (3 by 2) with one plane replaced."""
     payload = with_plane(make_payload(6), plane, data, **fields)
     return make_file([payload])
@@ -111,21 +111,30 @@ class TestPlanes:
 
     def test_trailing_bytes_and_a_missing_end(self) -> None:
         png = bytes(imagecodecs.png_encode(np.zeros((2, 3), np.uint8)))
-        assert decode_all(gop_file(0, png, codec=2, bits=8, step=1))
+        assert decode_all(gop_file(0, png, codec=2, bits=8, first=0, step=step_number(1)))
         for data in (png + b"\0", png[:-12], png[:-1]):
             with pytest.raises(CorruptError, match="PNG"):
-                decode_all(gop_file(0, data, codec=2, bits=8, step=1))
+                decode_all(gop_file(0, data, codec=2, bits=8, first=0, step=step_number(1)))
 
-    @pytest.mark.parametrize("step", [0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 3e38])
-    def test_steps_that_are_no_steps(self, step: float) -> None:
-        with pytest.raises(CorruptError, match=r"step|allowed"):
-            decode_all(patched(make_file([make_payload()]), GOP_TYPE, TABLE_OFFSET + 8, "f", step))
+    @pytest.mark.parametrize("fields", [{"step": 2**16 - 1}, {"first": 2**31 - 1}])
+    @pytest.mark.parametrize("plane", range(14))
+    def test_steps_and_first_values_that_are_enormous(
+        self, plane: int, fields: dict[str, int]
+    ) -> None:
+        with pytest.raises(CorruptError, match="allowed is"):
+            decode_all(gop_file(plane, b"", **fields))
+
+    @pytest.mark.parametrize("fields", [{"first": 2**31}, {"size": 2**32}, {"size": 2**62}])
+    def test_numbers_of_more_than_32_bits(self, fields: dict[str, int]) -> None:
+        with pytest.raises(CorruptError, match="more than 32 bits in a plane table"):
+            decode_all(gop_file(0, b"", **fields))
 
     def test_extreme_gaussians_stay_within_bounds(self) -> None:
         # Plane 2 is log_scale.0: exp(13) is the largest sigma that a file can ask for.
-        with pytest.raises(CorruptError, match="allowed is -32 to 13"):
-            decode_all(gop_file(2, b"\0\0", codec=0, offset=13.01, step=0))
-        (content,) = decode_all(gop_file(2, b"\0\0", codec=0, offset=13, step=0))
+        fields = {"codec": 0, "bits": 1, "step": step_number(1)}
+        with pytest.raises(CorruptError, match="spans 13 to 14, allowed is -32 to 13"):
+            decode_all(gop_file(2, b"\0\0", first=13, **fields))
+        (content,) = decode_all(gop_file(2, b"\1\0", first=12, **fields))
         assert content.gop.log_scale[:, 0].tolist() == [13] * 6
 
     def test_no_gaussian_is_valid(self) -> None:
@@ -171,14 +180,17 @@ class TestOpacities:
     @pytest.mark.parametrize("bound", [-MOST_LOG_OPACITY, MOST_LOG_OPACITY])
     def test_over_the_bounds(self, bound: float) -> None:
         # Plane 8 is log_opacity, and plane 9 behind the modes its change.
+        fields = {"codec": 0, "bits": 1, "step": step_number(1)}
+        code = bytes([bound > 0, 0])  # the greater of two where the bound is the greatest
         with pytest.raises(CorruptError, match=r"log_opacity spans .* allowed is -12 to 12"):
-            decode_all(gop_file(8, b"\0\0", codec=0, offset=1.001 * bound, step=0))
-        (content,) = decode_all(gop_file(8, b"\0\0", codec=0, offset=bound, step=0))
+            decode_all(gop_file(8, code, first=int(bound) - (bound < 0), **fields))
+        (content,) = decode_all(gop_file(8, code, first=int(bound) - (bound > 0), **fields))
         assert content.gop.log_opacity.tolist() == [bound] * 6
         key, predicted = make_chain((3, 3))
-        for offset, allowed in ((2 * bound, True), (2.001 * bound, False)):
-            change = with_plane(predicted, MODES + 9, b"\0\0", codec=0, offset=offset, step=0)
-            with nullcontext() if allowed else pytest.raises(CorruptError, match="is -24 to 24"):
+        for outside in (False, True):
+            first = int(2 * bound) - (bound < 0 if outside else bound > 0)
+            change = with_plane(predicted, MODES + 9, code, first=first, **fields)
+            with pytest.raises(CorruptError, match="is -24 to 24") if outside else nullcontext():
                 decode_all(make_file([key, change]))
 
     @pytest.mark.parametrize("blending", get_args(Blending))
@@ -358,8 +370,8 @@ class TestPrediction:
         with pytest.raises(CorruptError, match=f"mode {mode} of a Gaussian"):
             decode_all(self.with_second(payload))
 
-    @pytest.mark.parametrize("fields", [{"step": 0.5}, {"offset": 1}, {"bits": 2}, {"step": 0}])
-    def test_modes_that_are_no_integers(self, fields: dict[str, float]) -> None:
+    @pytest.mark.parametrize("fields", [{"step": step_number(0.5)}, {"first": 1}, {"bits": 2}])
+    def test_modes_that_are_no_integers(self, fields: dict[str, int]) -> None:
         payload = with_plane(self.PAYLOADS[1], MODES, b"\1\0", codec=0, **fields)
         with pytest.raises(CorruptError, match="plane mode"):
             decode_all(self.with_second(payload))
@@ -446,10 +458,10 @@ class TestVersions:
         with pytest.raises(UnsupportedError, match="chunk Zabc at byte"):
             opened(joined([HEAD, Piece(b"Zabc", b"x"), FIRST], reindex=reindex))
 
-    def test_an_unknown_codec_or_attribute_is_unsupported(self) -> None:
-        for offset in (0, 2):
-            with pytest.raises(UnsupportedError, match="unknown"):
-                decode_all(patched(FILE, GOP_TYPE, TABLE_OFFSET + offset, "B", 200))
+    @pytest.mark.parametrize("codec", range(6, 16))
+    def test_an_unknown_codec_is_unsupported(self, codec: int) -> None:
+        with pytest.raises(UnsupportedError, match=f"unknown plane codec {codec}"):
+            decode_all(gop_file(0, b"", codec=codec))
 
 
 def test_a_header_alone_is_not_a_video() -> None:

@@ -19,6 +19,7 @@ from gsvrcodec.model.prediction import (
     start_of_motion,
 )
 from gsvrcodec.model.static import select_gaussians
+from tests import making
 from tests.fit.anchored import FRAMES, example
 from tests.fit.synthetic import BACKEND, assert_gradients_of_the_reference
 from tests.gops import make_gop
@@ -59,7 +60,31 @@ class TestGop:
         _, anchor, stored = example(new=0)
         drawn = anchor.gop(stored)
         place = drawn.position + anchor.start * drawn.linear + anchor.start**2 * drawn.quadratic
-        np.testing.assert_allclose(place, anchor.look.position + stored.position, atol=2e-6)
+        change = anchor.units.position * stored.position
+        np.testing.assert_allclose(place, anchor.look.position + change, atol=2e-6)
+
+
+class TestCosts:
+    @pytest.mark.parametrize("name", LOOK)
+    def test_what_a_change_costs_is_the_same_stored_and_drawn(self, name: str) -> None:
+        _, anchor, stored = example()
+        drawn = anchor.gop(stored)
+        sensitivities = making.random_gop(np.random.default_rng(0), 28)
+        value = getattr(stored, name)
+        other = anchor.gop(replace(stored, **{name: value + np.float32(0.01)}))
+        shift = getattr(other, name) - getattr(drawn, name)
+        wanted = getattr(sensitivities, name) * np.square(shift)
+        found = getattr(anchor.costs(sensitivities), name) * np.float32(0.01) ** 2
+        np.testing.assert_allclose(found, wanted, rtol=1e-2, atol=1e-9)
+        assert np.ptp(shift[:20]) > 1e-3 or name == "log_opacity"
+        np.testing.assert_allclose(shift[20:], 0.01, rtol=1e-4)
+
+    def test_what_has_no_units_costs_as_before(self) -> None:
+        _, anchor, _ = example()
+        sensitivities = making.random_gop(np.random.default_rng(0), 28)
+        found = anchor.costs(sensitivities)
+        for name in {*Gop.__slots__} - {*LOOK}:
+            assert getattr(found, name) is getattr(sensitivities, name)
 
 
 class TestGaussians:
@@ -132,13 +157,27 @@ class TestField:
         draw = torch.Generator().manual_seed(0)
         slope = torch.rand(28, 2, generator=draw)
         slopes = {name: torch.ones(28, 2) for name in ("linear", "quadratic")}
-        parameters.add_slope_of_place(slopes | {"position": slope})
+        parameters.pass_back(slopes | {"position": slope.clone()})
         before = parameters.changes()["position"]
         for name, found in slopes.items():
             parameters.raw[name] += 1
             after = parameters.changes()["position"]
             np.testing.assert_allclose(found, 1 + slope * (after - before), atol=1e-5)
             before = after
+
+    @pytest.mark.parametrize("name", LOOK)
+    def test_a_slope_of_what_is_stored_passes_through_its_unit(self, name: str) -> None:
+        """By differences of what is stored."""
+        _, anchor, stored = example()
+        parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
+        before = parameters.changes()[name]
+        slope = torch.rand(before.shape, generator=torch.Generator().manual_seed(0))
+        slopes = dict.fromkeys(("linear", "quadratic"), torch.zeros(28, 2))
+        slopes |= {"position": torch.zeros(28, 2), name: slope.clone()}
+        parameters.pass_back(slopes)
+        parameters.raw[name] += 1
+        added = parameters.changes()[name] - before
+        np.testing.assert_allclose(slopes[name], slope * added, rtol=1e-4, atol=1e-5)
 
     def test_fixed_motion_leaves_the_stored_places_where_they_are(self) -> None:
         _, anchor, stored = example()

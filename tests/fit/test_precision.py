@@ -20,8 +20,8 @@ from gsvrcodec.fit.precision import (
 from gsvrcodec.fit.tuned import RATE_CONTROL, STEPS
 from gsvrcodec.model.attributes import ATTRIBUTES, MEAN_CHANNELS
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.quantise import Refined, dequantised, of_carried
-from gsvrcodec.model.refinement import REFINED
+from gsvrcodec.model.quantise import Refined, dequantised, of_carried, short_step
+from gsvrcodec.model.refinement import REFINED, levels
 from gsvrcodec.model.static import select_gaussians
 from tests import making
 from tests.fit.synthetic import BACKEND, footage
@@ -51,7 +51,7 @@ class TestSteps:
             assert len(steps[attribute.name]) == attribute.components
             assert all(0 < step < 1 for step in steps[attribute.name])
         (rotation,) = steps["rotation"]
-        assert math.pi / rotation == pytest.approx(round(math.pi / rotation))
+        assert rotation == short_step(math.pi / round(math.pi / rotation))
 
     def test_they_grow_with_the_qscale(self, gop: Gop) -> None:
         found = measured(gop)
@@ -106,6 +106,23 @@ class TestRefined:
             assert isinstance(own, Refined)
             finest = own.steps[0] / 2**own.refinement.most
             assert finest <= 1.02 * plain[name][0]
+
+    def test_rotations_of_slender_gaussians_are_finer_by_far(self, gop: Gop) -> None:
+        """For them a radian costs e^4 = 5.8 octaves more than for round ones."""
+        slender = np.arange(150) < 15
+        scales = np.where(slender[:, None], [4.0, 0.0], [2.0, 2.0]).astype(np.float32)
+        some = replace(gop, log_scale=scales, log_opacity=0 * gop.log_opacity)
+        found = measured(some)
+        cost = np.where(slender, np.exp(8.0), 1).astype(np.float32)
+        found = replace(found, rotation=cost)
+        (plain,) = equal_slope_steps(found, 0.02)["rotation"]
+        refined = refined_steps(some, found, 0.02)["rotation"]
+        assert isinstance(refined, Refined)
+        (step,) = refined.steps
+        assert step > 2 * STEPS.coarsest * plain
+        bits = refined.refinement.bits(levels(some.log_scale, some.log_opacity)["rotation"])
+        assert bits[slender].min() > STEPS.most_refined
+        assert not bits[~slender].any()
 
     def test_no_gaussians(self) -> None:
         empty = making.random_gop(np.random.default_rng(5), gaussians=0)

@@ -44,6 +44,8 @@ def test_it_draws_values_to_nothing(
     found = prices(parameters)
     for name in names:
         value, slope = parameters.changes()[name].numpy()[part].ravel(), found[name][part].ravel()
+        if parameters.anchor is not None:  # by what is stored
+            slope = slope * getattr(parameters.anchor.units, name)[part].ravel()
         # 1 was added to each slope and taken away again.
         np.testing.assert_array_equal(np.sign(slope), np.sign(value))
         order = np.argsort(np.abs(value))

@@ -17,6 +17,7 @@ from gsvrcodec.model.prediction import (
     MOVED,
     Look,
     carry_over,
+    change_units,
     first_look,
     last_look,
     look_at,
@@ -121,6 +122,37 @@ def carried_gop(gop: Gop, frames: tuple[int, int], mode: int = 0) -> Gop:
     return carry_over(gop, frames, make_carried(modes), make_gop(0))
 
 
+def unit_of(look: Look, n: int) -> dict[str, float]:
+    """What a stored change of 1 adds to a Gaussian, by the equations of the spec in binary64."""
+    first, second = map(float, look.log_scale[n])
+    area, shape, opacity = first + second, min(abs(first - second), 4), float(look.log_opacity[n])
+    return {
+        "position": math.exp((3 * area - 4 * shape - opacity) / 8),
+        "log_scale": math.exp((-area - shape - opacity) / 8),
+        "rotation": math.exp((area - 7 * shape) / 8),
+        "colour": math.exp((-2 * area - opacity) / 8),
+        "log_opacity": 1.0,
+    }
+
+
+class TestUnits:
+    def test_equal_the_equations(self) -> None:
+        look = last_look(make_gop(60, (3, 2, 4)), 5)
+        look.log_scale[:20, 0] += 5  # slender beyond what counts
+        look.log_opacity[20:40] -= 3
+        units = change_units(look)
+        for name in Look.__slots__:
+            found = getattr(units, name).reshape(60, -1)
+            assert found.dtype == np.float32
+            wanted = np.array([unit_of(look, n)[name] for n in range(60)])
+            np.testing.assert_allclose(found, wanted[:, None].repeat(found.shape[1], 1), rtol=1e-6)
+
+    def test_a_round_opaque_gaussian_of_one_pixel_has_ones(self) -> None:
+        one = Look(*(np.zeros((3, *s), np.float32) for s in ((2,), (2,), (), (3,), ())))
+        for name in Look.__slots__:
+            assert (getattr(change_units(one), name) == 1).all()
+
+
 class TestCarryOver:
     @pytest.mark.parametrize("frames", [(5, 4), (5, 1), (1, 4)])
     def test_kept_gaussians_stand_as_the_last_frame_shows_them(
@@ -190,11 +222,13 @@ class TestCarryOver:
                 indicator = carried.indicator[moved]
                 linear, quadratic = carried.linear[moved], carried.quadratic[moved]
                 moved += 1
-            place = look.position[n] + (carried.position[changed] if kind & CHANGED else 0)
+            unit = unit_of(look, n)
+            change = unit["position"] * carried.position[changed] if kind & CHANGED else 0
+            place = look.position[n] + change
             start = whole.position[at] - 1.5 * whole.linear[at] + 2.25 * whole.quadratic[at]
             np.testing.assert_allclose(start, place, atol=1e-6)
             for name in ("log_scale", "rotation", "colour", "log_opacity"):
-                change = getattr(carried, name)[changed] if kind & CHANGED else 0
+                change = unit[name] * getattr(carried, name)[changed] if kind & CHANGED else 0
                 np.testing.assert_allclose(
                     getattr(whole, name)[at], getattr(look, name)[n] + change, atol=1e-6
                 )

@@ -7,11 +7,10 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from gsvrcodec.bitstream.chunk import END_TYPE, GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES, parse_gop_head
 from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
+from gsvrcodec.model.quantise import step_number
 from tests.gops import make_chain, make_file, make_payload, make_payloads
 from tests.tampering import MODES, TABLE_OFFSET, Piece, joined, patched, pieces, with_plane
 
@@ -35,10 +34,10 @@ def faulty_vectors() -> Iterator[Fault]:
     def header(name: str, offset: int, layout: str, *values: int, says: str) -> Fault:
         return Fault(name, patched(good, HEAD_TYPE, offset, layout, *values), says)
 
-    def in_gop(name: str, offset: int, layout: str, *values: float, says: str) -> Fault:
+    def in_gop(name: str, offset: int, layout: str, *values: int, says: str) -> Fault:
         return Fault(name, patched(good, GOP_TYPE, offset, layout, *values), says)
 
-    def plane(name: str, data: bytes, says: str, **changes: float) -> Fault:
+    def plane(name: str, data: bytes, says: str, **changes: int) -> Fault:
         payload = with_plane(gop, 0, data, **changes)
         return Fault(name, joined([head, Piece(GOP_TYPE, payload), second]), says)
 
@@ -69,12 +68,12 @@ def faulty_vectors() -> Iterator[Fault]:
     yield header("frames-over-maximum", 48, "I", 2, says="header's maximum is 2")
     yield header("blending", 70, "B", 2, says="does not know (2)")
     yield header("blending-of-others", 70, "B", 0, says="14 planes, expected 13")
-    yield header("header-reserved", 71, "B", 1, says="reserved byte of the header is 1")
-    older = Piece(HEAD_TYPE, head.payload[:70])
-    yield Fault("release-candidate", joined([older, first, second]), "first release candidate")
-    yield Fault(
-        "header-too-short", joined([Piece(HEAD_TYPE, head.payload[:71]), first]), "71 bytes"
-    )
+    for name, length in (("first", 70), ("second", 72)):
+        older = Piece(HEAD_TYPE, (head.payload + b"\0")[:length])
+        says = f"{name} release candidate"
+        yield Fault(f"{name}-release-candidate", joined([older, first, second]), says)
+    short = Piece(HEAD_TYPE, head.payload[:69])
+    yield Fault("header-too-short", joined([short, first]), "69 bytes")
     yield header("wrong-count", 58, "Q", 99, says="the header says 99 frames")
     yield Fault(
         "index-sizes-swapped",
@@ -93,20 +92,23 @@ def faulty_vectors() -> Iterator[Fault]:
     yield in_gop("head-too-long", SUMMARY_BYTES, "H", 73, says="GOP head of 73 bytes")
     yield in_gop("head-too-short", SUMMARY_BYTES, "H", 71, says="GOP head of 71 bytes")
     yield in_gop("head-reserved", SUMMARY_BYTES + 10, "H", 1, says="reserved bytes")
-    yield in_gop("plane-order", TABLE_OFFSET + 1, "B", 1, says="plane 0.1 where 0.0")
-    yield in_gop("plane-bits", TABLE_OFFSET + 3, "B", 17, says="of 17 bits")
-    yield in_gop("step-zero", TABLE_OFFSET + 8, "f", 0, says="step 0 is not constant")
-    yield in_gop("step-negative", TABLE_OFFSET + 8, "f", -1, says="step -1")
-    yield in_gop("step-nan", TABLE_OFFSET + 8, "f", np.nan, says="step nan")
-    yield in_gop("offset-infinite", TABLE_OFFSET + 4, "f", np.inf, says="offset inf")
-    yield in_gop("value-over-bound", TABLE_OFFSET + 8, "f", 1e30, says="allowed is -1024")
-    yield in_gop("plane-size", TABLE_OFFSET + 12, "I", 2**32 - 1, says="planes end at byte")
-    yield Fault("unknown-codec", patched(good, GOP_TYPE, TABLE_OFFSET + 2, "B", 9), "plane codec 9")
-    yield Fault("unknown-attribute", patched(good, GOP_TYPE, TABLE_OFFSET, "B", 99), "attribute 99")
+    yield in_gop("plane-count", SUMMARY_BYTES + 2, "H", 13, says="13 planes, expected 14")
+    yield in_gop("plane-table-cut", SUMMARY_BYTES + 2, "H", 9999, says="plane table")
+    yield plane("step-over-bound", b"", "allowed is -1024 to 1024", step=2**16 - 1)
+    yield plane("first-over-bound", b"", "allowed is -1024 to 1024", first=-(2**31))
+    yield plane("first-too-large", b"", "more than 32 bits", first=2**31)
+    yield plane("plane-size", b"", "planes end at byte", size=2**32 - 1)
+    yield plane("plane-size-too-large", b"", "more than 32 bits", size=2**32)
+    none = with_plane(gop, 0, b"", first=0)
+    overlong = none[: TABLE_OFFSET + 3] + b"\x80\0" + none[TABLE_OFFSET + 4 :]
+    overlong = joined([head, Piece(GOP_TYPE, overlong), second])
+    yield Fault("first-overlong", overlong, "overlong number")
+    yield plane("unknown-codec", b"", "plane codec 9", codec=9)
     yield plane("constant-too-large", b"\x10\x00", "sample 16", codec=0, bits=4)
-    opacity = with_plane(gop, 8, bytes(2), codec=0, offset=12.5, step=0)
+    half = step_number(0.5)
+    opacity = with_plane(gop, 8, bytes(2), codec=0, bits=1, first=24, step=half)
     over = joined([head, Piece(GOP_TYPE, opacity), second])
-    yield Fault("opacity-over-bound", over, "plane log_opacity spans 12.5 to 12.5")
+    yield Fault("opacity-over-bound", over, "plane log_opacity spans 12 to 12.5")
     yield plane("deflate-predictor", b"\x02\x03\x00", "unknown predictor 2", codec=1)
     yield plane("deflate-too-short", b"\x00\x03\x00", "does not hold 12 bytes", codec=1)
     yield plane("deflate-empty", b"", "unknown predictor None", codec=1)
@@ -200,7 +202,7 @@ def _prediction_faults() -> Iterator[Fault]:
         struct.pack_into("<" + layout, payload, offset, *values)
         return Fault(name, joined([head, key, Piece(GOP_TYPE, bytes(payload))]), says)
 
-    def constant(name: str, plane: int, data: bytes, says: str, **changes: float) -> Fault:
+    def constant(name: str, plane: int, data: bytes, says: str, **changes: int) -> Fault:
         payload = with_plane(predicted.payload, plane, data, codec=0, **changes)
         return Fault(name, joined([head, key, Piece(GOP_TYPE, payload)]), says)
 
@@ -224,10 +226,12 @@ def _prediction_faults() -> Iterator[Fault]:
     yield Fault("modes-of-others", counts, "the GOP's head says 7, 12 and 12")
     yield in_second("carried-over-maximum", 56, "II", 2**32 - 1, 2**32 - 25, says="maximum is")
     yield constant("mode-unknown", MODES, b"\5\0", "mode 5 of a Gaussian")
-    says = "plane mode of 3 bits with offset 0 and step 0.5"
-    yield constant("mode-step", MODES, b"\0\0", says, step=0.5)
-    says = "plane log_opacity_change spans -24.5 to -24.5"
-    yield constant("opacity-change-over-bound", MODES + 9, b"\0\0", says, offset=-24.5, step=0)
+    half = step_number(0.5)
+    says = "plane mode of 3 bits from 0 in steps of 0.5"
+    yield constant("mode-step", MODES, b"\0\0", says, step=half)
+    says = "plane log_opacity_change spans -24.5 to -24"
+    over = {"bits": 1, "first": -49, "step": half}
+    yield constant("opacity-change-over-bound", MODES + 9, b"\0\0", says, **over)
 
 
 def _flip(data: bytes, offset: int) -> bytes:

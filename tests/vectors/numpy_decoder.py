@@ -124,11 +124,11 @@ def read_header(data: bytes) -> tuple[Header, int]:
     major, minor = reader.unpack("2H")
     if major != 1:
         raise Unsupported(f"The file has version {major}.{minor}, this decoder knows 1.0.")
-    if (minor, len(payload)) == (0, 70):
-        raise Unsupported("The file is of the first release candidate of version 1.0.")
-    require(len(payload) == 72 or (minor and len(payload) > 72), "The header has a wrong length.")
+    if (minor, len(payload)) in [(0, 70), (0, 72)]:
+        raise Unsupported("The file is of an earlier release candidate of version 1.0.")
+    require(len(payload) == 71 or (minor and len(payload) > 71), "The header has a wrong length.")
     must, may = reader.unpack("2I")
-    blending, reserved = payload[70:72]
+    blending = payload[70]
     if must or blending > 1:
         raise Unsupported(f"The header has unknown flags {must:#x} or blending {blending}.")
     width, height, *aspect = reader.unpack("4I")
@@ -136,8 +136,8 @@ def read_header(data: bytes) -> tuple[Header, int]:
     time_base, maxima = reader.unpack("2I"), reader.unpack("2I3H")
     require(all([width, height, *aspect, *time_base]), "A size, sample aspect or time base is 0.")
     known = rotation & 32767 in (0, 90, 180, 270) and 1 <= depth <= 16
-    known &= colour[3] <= 1 and colour[4] <= 6 and reserved == 0
-    require(known, "A rotation, depth, range, chroma location or reserved byte is not known.")
+    known &= colour[3] <= 1 and colour[4] <= 6
+    require(known, "A rotation, depth, range or chroma location is not known.")
     limit(width * height, LIMIT_PIXELS, "Pixels")
     unknown = (2**32 - 1,) * 2 + (2**16 - 1,) * 3
     most = tuple(math.inf if a == b else a for a, b in zip(maxima, unknown, strict=True))
@@ -267,6 +267,16 @@ REFINED = [name for name in NEW if name not in ("indicator", "log_opacity")]
 LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
 
 
+class Entry(NamedTuple):
+    """An entry of the plane table."""
+
+    codec: int
+    bits: int
+    offset: float
+    step: float
+    length: int
+
+
 @dataclass
 class Plane:
     """An entry of the plane table, and what its codec needs."""
@@ -321,7 +331,7 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     pts, durations = read_timing(reader, chunk)
     counts = {"new": chunk.gaussians - carried, "reference": source}
     counts |= {"changed": changed, "moved": moved}
-    entries = [reader.unpack("4B2fI") for _ in range(plane_count)]
+    entries = [read_entry(reader) for _ in range(plane_count)]
     planes = read_table(entries, grid, counts, header.mean)
     require(sum(p.length for p in planes) <= len(payload) - reader.at, "Planes are too long.")
     plain = not header.flags & IMAGE_CODECS
@@ -363,11 +373,19 @@ def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
     return pts, durations
 
 
-def read_table(entries: list[Any], grid: list[int], n: dict[str, int], mean: bool) -> list[Plane]:
-    """Read the plane table of section 5.3 and check its rules."""
-    for number, _, codec, *_ in entries:
-        if number >= len(ATTRIBUTES) or codec >= len(CODECS):
-            raise Unsupported(f"The GOP has an unknown attribute {number} or codec {codec}.")
+def read_entry(reader: Reader) -> Entry:
+    """Read an entry of the plane table of section 5.3."""
+    how, step = reader.unpack("BH")
+    k, length = unzigzag(reader.varint(32)), reader.varint(32)
+    step = (256 + step % 256) * 2.0 ** (step // 256 - 136)
+    return Entry(how % 16, how // 16 + 1, k * step, step, length)
+
+
+def read_table(entries: list[Entry], grid: list[int], n: dict[str, int], mean: bool) -> list[Plane]:
+    """Give the entries of the plane table their attributes and check the rules of section 5.3."""
+    for entry in entries:
+        if entry.codec >= len(CODECS):
+            raise Unsupported(f"The GOP has an unknown codec {entry.codec}.")
     gx, gy, gt = grid
     sizes = {"xy": (gx, gy), "xt": (gx, gt), "yt": (gy, gt)}
     for name, k in n.items():
@@ -376,19 +394,17 @@ def read_table(entries: list[Any], grid: list[int], n: dict[str, int], mean: boo
     # Sums have no opacities, and the tri-planes of means have six channels.
     had = [a for a in ATTRIBUTES if sizes[a.grid][0] and (mean or "opacity" not in a.name)]
     most = 6 if mean else 8
-    expected = [(ATTRIBUTES.index(a), j) for a in had for j in range(min(a.components, most))]
-    require([e[:2] for e in entries] == expected, "The table has not the planes that it must have.")
+    expected = [(a, component) for a in had for component in range(min(a.components, most))]
+    require(len(entries) == len(expected), "The table has not the planes that it must have.")
     priors: dict[str, list[Ints]] = {name: [] for name in sizes}
     planes = []
-    for number, component, codec, bits, o, s, length in entries:
-        a = ATTRIBUTES[number]
-        good = 1 <= bits <= 16 and math.isfinite(o + s) and (s > 0 or s == codec == 0)
-        require(good, f"The plane {a.name} has wrong bits, offset or step.")
-        ends = (o, o + (2**bits - 1) * s)
-        require(a.low <= min(ends) and max(ends) <= a.high, f"The plane {a.name} is out of bounds.")
-        require(a.name != "mode" or (bits, o, s) == (3, 0, 1), "The plane mode is not of 3 bits.")
+    for (a, component), entry in zip(expected, entries, strict=True):
+        o, last = entry.offset, entry.offset + (2**entry.bits - 1) * entry.step
+        require(a.low <= o and last <= a.high, f"The plane {a.name} is out of bounds.")
+        small = (entry.bits, o, entry.step) == (3, 0, 1)
+        require(a.name != "mode" or small, "The plane mode is not of 3 bits.")
         size, prior = sizes[a.grid], priors[a.grid]
-        planes.append(Plane(a, component, codec, bits, o, s, length, *size, prior))
+        planes.append(Plane(a, component, *entry, *size, prior))
     return planes
 
 
@@ -769,14 +785,31 @@ def standing(look: Values) -> Values:
     return look | {"indicator": still[:, :1] + 1, "linear": still, "quadratic": still.copy()}
 
 
+def change_units(look: Values) -> Values:
+    """Return what a stored change of 1 adds to the attributes of a look (section 8.3)."""
+    l0, l1 = look["log_scale"].astype(np.float64).T
+    o = look.get("log_opacity", np.zeros((len(l0), 1))).astype(np.float64)[:, 0]
+    area, shape = l0 + l1, np.minimum(abs(l0 - l1), 4)
+    eighths = {
+        "position": 3 * area - 4 * shape - o,
+        "log_scale": -area - shape - o,
+        "rotation": area - 7 * shape,
+        "colour": -2 * area - o,
+        "log_opacity": 0 * area,
+    }
+    return {name: np.exp(value / 8)[:, None] for name, value in eighths.items()}
+
+
 def carry_over(look: Values, gop: Gop) -> Values:
     """Return the Gaussians that a predicted GOP takes over from its reference (section 8.3)."""
     kept = gop.modes != DROPPED
     changed, moved = (gop.modes[kept] & 2) > 0, (gop.modes[kept] & 1) > 0
     result = standing({name: value[kept] for name, value in look.items()})
+    units = change_units({name: value[changed] for name, value in result.items()})
     for name in look:
         if changed.any():
-            result[name][changed] += gop.values[f"{name}_change"]
+            added = units[name] * gop.values[f"{name}_change"]
+            result[name][changed] = result[name][changed] + added
         result[name] = clamp(name, result[name])
     for name in ("indicator", "linear", "quadratic") if moved.any() else ():
         result[name][moved] = gop.values[f"carried_{name}"]

@@ -40,8 +40,8 @@ from tests.gops import (
 from tests.tampering import Piece, edited, joined, pieces
 
 SAMPLES = Path(__file__).parents[2] / "samples"
-#: Opacities of four values, which have the bounds among them: 2^2 - 1 divides their range.
-OPACITIES: Precision = {**BITS, "log_opacity": 2}
+#: Opacities in steps of which their bounds are multiples.
+OPACITIES: Precision = {**BITS, "log_opacity": (0.75,)}
 
 
 def minimal() -> bytes:
@@ -235,7 +235,7 @@ RANDOM: Mapping[str, Callable[[], bytes]] = {
     "refined": lambda: make_file(
         [make_payload(50, (6, 4, 3), pack="entropy", bits=REFINED, seed=1)]
     ),
-    "predicted-refined": lambda: make_file(make_chain((2, 2, 2), new=6, bits=REFINED)),
+    "predicted-refined": lambda: make_file(make_chain((2, 2, 2), bits=REFINED)),
     "sixteen-bits": lambda: make_file([make_payload(30, (4, 3, 2), pack="jxl", bits=SIXTEEN_BITS)]),
     "sixteen-bits-entropy": lambda: make_file(
         [make_payload(30, (4, 3, 2), pack="entropy", bits=SIXTEEN_BITS)]
@@ -249,8 +249,8 @@ RANDOM: Mapping[str, Callable[[], bytes]] = {
 FILMS: Mapping[str, Callable[[], bytes]] = {
     "film-sound": lambda: film("bunny_24f_320x180_audio.mp4", crf=30, gop=8),
     "film-turned": lambda: film("cup_vfr_rot90_16f_320x240.mp4", crf=30),
-    "film-odd": lambda: film("city_cut_odd_24f_241x135.webm", crf=30),
-    "film-10-bits": lambda: film("bunny_10bit_12f_320x180.mkv", crf=26, crop=(160, 120, 80, 30)),
+    "film-odd": lambda: film("city_cut_odd_24f_241x135.webm", crf=32),
+    "film-10-bits": lambda: film("bunny_10bit_12f_320x180.mkv", crf=28, crop=(160, 120, 80, 30)),
     "film-637x359": lambda: film("bigbuckbunny.mp4", crf=32, crop=(637, 359, 320, 180), frames=5),
     "film-paper": lambda: film(
         "tree_noise_20f_160x120.mp4", profile="paper", gaussians=900, frames=6, preset="fastest"

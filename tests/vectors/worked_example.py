@@ -45,7 +45,7 @@ def hex_dump(data: bytes) -> str:
             (6, "no tri-plane"),
             (8, "1 frame"),
             (4, "1 GOP"),
-            (2, "pictures are means, reserved"),
+            (1, "pictures are means"),
         ],
     )
     timing = [(3, "timing: 1 frame, step 1, duration 1")]
@@ -56,13 +56,13 @@ def hex_dump(data: bytes) -> str:
         (8, "carries 0, drops 0"),
         (8, "changes 0, moves 0"),
     ]
-    table = [(16, f"plane {name}") for name in names]
+    table = [(5, f"plane {name}") for name in names]
     planes = [(2, f"samples of {name}") for name in names]
     refinement = [(12, "no refinement")]
     chunk("GOPD", [*summary, *shape, *timing, *table, *planes, *refinement])
-    gop_size = GOP_HEAD_BYTES + 3 + 18 * len(names) + 12
+    gop_size = GOP_HEAD_BYTES + 3 + 7 * len(names) + 12
     chunk("indx", [(4, "1 entry"), (4, "type GOPD"), (8, f"length {gop_size}"), *summary])
-    chunk("fend", [(8, f"index at byte {100 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
+    chunk("fend", [(8, f"index at byte {99 + 20 + gop_size}"), (8, f"file of {len(data)} bytes")])
     lines = []
     offset = 0
     for length, what in parts:

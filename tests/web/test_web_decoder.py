@@ -96,9 +96,9 @@ class TestHeader:
             (lambda header: header, "ok", ""),
             (lambda header: header.__setitem__(70, 0), "CorruptError", "plane table"),
             (lambda header: header.__setitem__(70, 2), "UnsupportedError", "an unknown way"),
-            (lambda header: header.__setitem__(71, 1), "CorruptError", "reserved"),
-            (lambda header: header.__delitem__(slice(70, None)), "UnsupportedError", "anew"),
-            (lambda header: header.__delitem__(71), "CorruptError", "71 bytes"),
+            (lambda header: header.__delitem__(70), "UnsupportedError", "anew"),
+            (lambda header: header.append(0), "UnsupportedError", "anew"),
+            (lambda header: header.__delitem__(slice(69, None)), "CorruptError", "69 bytes"),
         ],
     )
     def test_verdicts(

@@ -117,6 +117,18 @@ void for_attributes(Look &look, const LookArrays &arrays, Body body) {
     body(4, &look.log_opacity, arrays.log_opacity, 1);
 }
 
+// What a stored change of 1 adds to each attribute of a look.
+void find_units(const Look &look, double *unit) {
+    const double first = look.log_scale[0], second = look.log_scale[1];
+    const double opacity = look.log_opacity;
+    const double area = first + second, shape = std::min(std::abs(first - second), 4.0);
+    unit[0] = std::exp((3 * area - 4 * shape - opacity) / 8);
+    unit[1] = std::exp((-area - shape - opacity) / 8);
+    unit[2] = std::exp((area - 7 * shape) / 8);
+    unit[3] = std::exp((-2 * area - opacity) / 8);
+    unit[4] = 1;
+}
+
 void store(Look &look, const LookArrays &arrays, std::ptrdiff_t i) {
     for_attributes(look, arrays, [&](int, const float *own, float *array, int columns) {
         std::copy(own, own + columns, array + i * columns);
@@ -133,6 +145,20 @@ void look_at(const GopArrays &gop, double tau, bool mean, const LookArrays &out)
     }
 }
 
+void change_units(const LookArrays &looks, std::ptrdiff_t n, const LookArrays &units) {
+    for (std::ptrdiff_t i = 0; i < n; ++i) {
+        Look look;
+        double unit[5];
+        for_attributes(look, looks, [&](int, float *own, const float *array, int columns) {
+            std::copy(array + i * columns, array + (i + 1) * columns, own);
+        });
+        find_units(look, unit);
+        for_attributes(look, units, [&](int k, float *, float *array, int columns) {
+            std::fill_n(array + i * columns, columns, static_cast<float>(unit[k]));
+        });
+    }
+}
+
 void carry_over(const GopArrays &reference, double tau, bool mean, const Carried &carried,
                 const float (&bounds)[5][2], const GopArrays &gop) {
     const Moment moment(reference, tau, mean);
@@ -144,9 +170,12 @@ void carry_over(const GopArrays &reference, double tau, bool mean, const Carried
         if (mode == Carried::kDropped) continue;
         Look look = moment[i];
         const bool changes = mode & Carried::kChanged, moves = mode & Carried::kMoved;
+        double unit[5];
+        if (changes) find_units(look, unit);
         for_attributes(look, carried.change, [&](int k, float *own, const float *change, int n) {
             for (int c = 0; c < n; ++c) {
-                if (changes) own[c] += change[changed * n + c];
+                if (changes)
+                    own[c] = static_cast<float>(own[c] + unit[k] * change[changed * n + c]);
                 own[c] = std::min(std::max(own[c], bounds[k][0]), bounds[k][1]);
             }
         });

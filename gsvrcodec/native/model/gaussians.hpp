@@ -40,13 +40,16 @@ struct LookArrays {
 // Writes the Gaussians of a GOP as drawn at a time.
 void look_at(const GopArrays &, double tau, bool mean, const LookArrays &look);
 
+// Writes what a stored change of 1 adds to each value of n looks.
+void change_units(const LookArrays &looks, std::ptrdiff_t n, const LookArrays &units);
+
 // How a GOP takes the Gaussians of its reference over.
 struct Carried {
     // Bits of a mode.
     static constexpr std::uint8_t kMoved = 1, kChanged = 2, kDropped = 4;
 
     const std::uint8_t *mode;                     // of each Gaussian of the reference
-    LookArrays change;                            // of those that change
+    LookArrays change;                            // of those that change, in their units
     const float *indicator, *linear, *quadratic;  // of those that move
     double start;                                 // time at which they begin to move
 };

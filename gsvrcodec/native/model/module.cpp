@@ -29,6 +29,13 @@ void look_at(const Parameters &parameters, double tau, bool mean, const Look &lo
     gsvr::look_at(parameters.arrays, tau, mean, out);
 }
 
+void change_units(const Look &look, const Look &out) {
+    const std::size_t n = look.rotation.size();
+    const gsvr::LookArrays looks = look.arrays(n), units = out.arrays(n);
+    nb::gil_scoped_release release;
+    gsvr::change_units(looks, static_cast<std::ptrdiff_t>(n), units);
+}
+
 void carry_over(const Parameters &reference, double tau, bool mean,
                 Array<const std::uint8_t, 1> mode, const Look &change, Floats indicator,
                 Floats linear, Floats quadratic, double start, Array<const float, 2> bounds,
@@ -119,6 +126,7 @@ void bind_model(nb::module_ &m) {
                                     exact("position"), exact("log_scale"), exact("rotation"),
                                     exact("colour"), exact("log_opacity"));
     m.def("look_at", &look_at, "parameters"_a, "tau"_a, "mean"_a, "out"_a);
+    m.def("change_units", &change_units, "look"_a, exact("out"));
     m.def("carry_over", &carry_over, "reference"_a, "tau"_a, "mean"_a, "mode"_a, "change"_a,
           "indicator"_a, "linear"_a, "quadratic"_a, "start"_a, "bounds"_a, "out"_a);
     m.def("drawing_order", &drawing_order, "position"_a, "log_scale"_a, "width"_a, "height"_a,
