@@ -45,3 +45,12 @@ def test_sample_page_is_up_to_date(tmp_path: Path) -> None:
     target = tmp_path / "player.html"
     sample_page.write(target)
     assert target.read_bytes() == sample_page.PAGE.read_bytes()
+
+
+def test_the_film_of_the_sample_page_is_of_this_format() -> None:
+    """If not: encode it anew, and `python -m tests.web.sample_page FILM`."""
+    name, film = sample_page.film_in(sample_page.PAGE.read_text("utf-8"))
+    assert name == "bunny.gsvr"
+    with gsvrcodec.open(film) as decoder:
+        assert len(decoder) == 24
+        assert decoder[-1].data.shape == (180, 320, 3)
