@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.chunk import (
     chunk_bytes,
 )
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES
-from gsvrcodec.bitstream.plane_codecs import take_entries
+from gsvrcodec.bitstream.plane_entries import take_entries
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from gsvrcodec.bitstream import chunk, gop_head, header, index, plane_codecs, recovery
+from gsvrcodec.bitstream import chunk, gop_head, header, index, plane_entries, recovery
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
 from gsvrcodec.model import attributes, layers, prediction, refinement
 from gsvrcodec.model.gop import Gop
@@ -58,7 +58,7 @@ class TestSpecification:
             ("## 3. ", [chunk._FIELDS, chunk._CRC]),
             ("## 4. ", [header._LAYOUT]),
             ("### 5.1 ", [gop_head._SUMMARY, gop_head._SHAPE]),
-            ("### 5.3 ", [plane_codecs.ENTRY_START]),
+            ("### 5.3 ", [plane_entries.ENTRY_START]),
             ("## 9. ", [index._ENTRY]),
         ],
     )

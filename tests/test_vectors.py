@@ -19,7 +19,7 @@ from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES
 from gsvrcodec.bitstream.gop_payload import plane_table
 from gsvrcodec.bitstream.header import HEADER_BYTES
 from gsvrcodec.bitstream.index import END_BYTES, ENTRY_BYTES
-from gsvrcodec.bitstream.plane_codecs import ENTRY_START
+from gsvrcodec.bitstream.plane_entries import ENTRY_START
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import ENVIRONMENT_PREFIX, Limits
 from gsvrcodec.model.gop import Gop

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories, pack_planes, unpack_planes
 from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
 from gsvrcodec.bitstream.header import Header
-from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
+from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
 from gsvrcodec.errors import CorruptError, spec_section

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from gsvrcodec.bitstream.plane_codecs import CodedEntry, take_entries
+from gsvrcodec.bitstream.plane_entries import CodedEntry, take_entries
 from gsvrcodec.errors import CorruptError, UnsupportedError, spec_section
 from gsvrcodec.model.attributes import MODE, Attribute
 from gsvrcodec.model.quantise import MODE_QUANTISER, Quantiser, step_number, step_of

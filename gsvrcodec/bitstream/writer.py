@@ -30,7 +30,7 @@ from gsvrcodec.bitstream.header import (
     Header,
 )
 from gsvrcodec.bitstream.index import END_CHUNK_BYTES, end_payload, index_bytes, index_payload
-from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS, plane_codecs
+from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS, plane_codecs
 
 
 class GsvrWriter:

@@ -19,7 +19,7 @@ from typing import BinaryIO, Unpack
 from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.bitstream.gop_head import GopEntry
 from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
-from gsvrcodec.bitstream.plane_codecs import IMAGE_CODECS
+from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.analysis import FrameStats

@@ -198,7 +198,7 @@ def refined_steps(gop: Gop, sensitivities: Gop, qscale: float) -> Precision:
             of_counted = costs[name][counted], own[counted]
             refinement, coarser = _best_refinement(*of_counted, most, coarsest)
             wanted = coarser * plain[name]
-            wanted = _of_half_turn(wanted, 2) if name == "rotation" else _short(wanted)
+            wanted = _of_half_turn(wanted) if name == "rotation" else _short(wanted)
             precision[name] = Refined(tuple(wanted.tolist()), refinement)
             if name == "log_scale":  # levels follow from rounded values
                 step = wanted.astype(np.float32)
@@ -257,9 +257,9 @@ def _short(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([short_step(step, 6) for step in steps])
 
 
-def _of_half_turn(steps: NDArray[np.float64], least: int = 1) -> NDArray[np.float64]:
-    """Steps of which a whole number, at least `least`, is half a circle, as a file has them."""
-    wanted = math.pi / np.maximum(np.round(math.pi / steps), least)
+def _of_half_turn(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Steps of which a whole number, at least two, is half a circle, as a file has them."""
+    wanted = math.pi / np.maximum(np.round(math.pi / steps), 2)
     return np.array([short_step(step) for step in wanted])
 
 

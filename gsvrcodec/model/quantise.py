@@ -105,6 +105,8 @@ class Quantiser(NamedTuple):
         Raises:
             ValueError: A value is not finite or, where bits are wanted, out of the spec's bounds.
         """
+        if attribute is MODE:
+            return cls(*MODE_QUANTISER)
         own = attribute.name in precision
         wanted = precision[attribute.name if own else attribute.change_of]
         bounds = attribute.low, attribute.high
@@ -224,19 +226,6 @@ def component(
     return np.mod(values, np.pi) if wrapped else values
 
 
-def quantiser_of(
-    values: NDArray[np.floating], attribute: Attribute, part: int, precision: Precision
-) -> Quantiser:
-    """The quantiser of one component of an attribute, within the attribute's bounds.
-
-    Raises:
-        ValueError: A value is not finite or out of the spec's bounds.
-    """
-    if attribute is MODE:
-        return MODE_QUANTISER
-    return Quantiser.choose(values, attribute, part, precision)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Finer:
     """What refines the codes of an attribute of N Gaussians (spec section "Refinement")."""
@@ -318,7 +307,7 @@ def quantised(
         parts = []
         for part in range(attribute.components):
             samples = component(values[attribute.name], attribute, part, changes=changes)
-            quantiser = quantiser_of(samples, attribute, part, precision)
+            quantiser = Quantiser.choose(samples, attribute, part, precision)
             parts.append(Coded(attribute, samples, quantiser, quantiser.quantise(samples)))
         found[attribute.name] = tuple(parts)
     return found

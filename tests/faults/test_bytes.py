@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE, chunk_head
-from gsvrcodec.bitstream.plane_codecs import take_entries
+from gsvrcodec.bitstream.plane_entries import take_entries
 from gsvrcodec.errors import CorruptError, GsvrError, LimitError, NotGsvrError, UnsupportedError
 from gsvrcodec.limits import Limits
 from tests.cli.tools import Runner

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.bitstream.plane_codecs import ENTRY_START, CodedEntry, take_entries
+from gsvrcodec.bitstream.plane_entries import ENTRY_START, CodedEntry, take_entries
 from gsvrcodec.errors import CorruptError
 
 ENTRIES = st.builds(
