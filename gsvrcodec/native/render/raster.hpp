@@ -12,7 +12,7 @@ static inline float *first_pixel(const Pixels &pixels, const Segments &c, int n)
 }
 
 static inline void add_segment(const Splats &s, const Segments &c, int n, const Pixels &pixels) {
-    const int l = c.splat[n];
+    const int l = lane_of(c, n);
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     const float share = s.colour[3][l];
     float *p = first_pixel(pixels, c, n);
@@ -29,13 +29,10 @@ static inline void add_segment(const Splats &s, const Segments &c, int n, const 
 void rasterise(const SplatLayer &layer, Tile tile, Pixels pixels) {
     const FlushDenormals flush;
     Segments c;
-    for (int block = layer.begin; block < layer.end; ++block) {
-        if (!layer.boxes[block].touches(tile)) continue;
-        const Splats &s = layer.splats[block];
-        for_segments(s, layer.index, tile, c, [&] {
-            for (int n = 0; n < c.count; ++n) add_segment(s, c, n, pixels);
-        });
-    }
+    const auto add = [&] {
+        for (int n = 0; n < c.count; ++n) add_segment(block_of(layer, c, n), c, n, pixels);
+    };
+    for_segments(layer, tile, c, [](int) {}, add);
 }
 
 // Adds the moments of one segment to the moments of its splat; `pixels` is the gradient of the
@@ -43,7 +40,7 @@ void rasterise(const SplatLayer &layer, Tile tile, Pixels pixels) {
 // sums.
 static inline void add_moments(const Splats &s, const Segments &c, int n, const Pixels &pixels,
                                vf *total) {
-    const int l = c.splat[n];
+    const int l = lane_of(c, n);
     const float red = s.colour[0][l], green = s.colour[1][l], blue = s.colour[2][l];
     const float share = s.colour[3][l];
     vf r = total[0], g = total[1], b = total[2], a = total[8], p0{}, p1{}, p2{};
@@ -79,38 +76,29 @@ static inline void add_moments(const Splats &s, const Segments &c, int n, const 
     total[8] = a;
 }
 
-// Adds the moments of the collected segments. They are sorted by splat first, so that the lanes of
-// each splat are summed once.
-static inline void gather_segments(const Splats &s, const Segments &c, const Pixels &pixels,
-                                   Moments &moments) {
-    int first[kBlock], next[Segments::kCapacity];
-    for (int &n : first) n = c.count;
-    unsigned present = 0;
-    for (int n = c.count - 1; n >= 0; --n) {
-        const int l = c.splat[n];
-        next[n] = first[l];
-        first[l] = n;
-        present |= 1u << l;
-    }
-    for (; present; present &= present - 1) {
-        const int l = __builtin_ctz(present);
-        vf total[9] = {};
-        for (int n = first[l]; n < c.count; n = next[n]) add_moments(s, c, n, pixels, total);
-        store8(moments.of[l], load8(moments.of[l]) + sums(total));
-        moments.weight[l] += sum(total[8]);
-    }
-}
-
 void gather_moments(const SplatLayer &layer, Tile tile, Pixels pixels, Moments *moments) {
     const FlushDenormals flush;
     Segments c;
-    for (int block = layer.begin; block < layer.end; ++block) {
-        if (!layer.boxes[block].touches(tile)) continue;
-        const Splats &s = layer.splats[block];
-        Moments &own = moments[layer.slot(block, tile.rows)];
-        if (layer.first(block, tile)) own = {};
-        for_segments(s, layer.index, tile, c, [&] { gather_segments(s, c, pixels, own); });
-    }
+    const auto moments_of = [&](int block) -> Moments & {
+        return moments[layer.slot(block, tile.rows)];
+    };
+    const auto enter = [&](int block) {
+        if (layer.first(block, tile)) moments_of(block) = {};
+    };
+    // The lanes of the segments of a splat, which follow each other, are summed once.
+    const auto gather = [&] {
+        for (int n = 0; n < c.count;) {
+            const int splat = c.splat[n];
+            const Splats &s = block_of(layer, c, n);
+            vf total[9] = {};
+            for (; n < c.count && c.splat[n] == splat; ++n) add_moments(s, c, n, pixels, total);
+            Moments &own = moments_of(splat / kBlock);
+            float *of = own.of[splat % kBlock];
+            store8(of, load8(of) + sums(total));
+            own.weight[splat % kBlock] += sum(total[8]);
+        }
+    };
+    for_segments(layer, tile, c, enter, gather);
 }
 
 void backward(const GopArrays &gop, const Frame &frame, const SplatLayer (&layers)[kLayers],
