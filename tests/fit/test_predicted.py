@@ -223,7 +223,7 @@ class TestFollowed:
         assert fit.psnr > stays + 8
         # The Gaussians of the square go with it: 2 px a frame, 8 px to the last one.
         left, top, side = SQUARE
-        within = inside(anchor.look.position, left + 2, top + 2, side - 4) & anchor.carried
+        within = inside(anchor.look.position, left + 1, top + 1, side - 2) & anchor.carried
         assert within.sum() >= 8
         way = look_at(fit.drawn(fit.gop), 1.0).position - anchor.look.position
         x, y = np.median(way[within], axis=0) * (WIDTH / 2, HEIGHT / 2)
