@@ -7,8 +7,8 @@
         picture = decoder[17].data  # (H, W, 3) uint8
     gsvrcodec.decode("out.gsvr", "out.mp4")
 
-Public names are imported at first use: importing the package is fast, and decoding on the CPU
-never imports torch or OpenCV.
+Public names are imported at first use: importing the package is fast. On a CPU neither encoding nor
+decoding imports torch, and decoding no OpenCV.
 """
 
 from __future__ import annotations
@@ -77,11 +77,13 @@ def __getattr__(name: str) -> Any:
         try:
             value = getattr(importlib.import_module(_HOMES[name]), name)
         except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                f"`gsvrcodec.{name}` needs {error.name}, which gsvrcodec-decoder comes without: "
-                "install gsvrcodec in its place",
-                name=error.name,
-            ) from error
+            where = (
+                "pip install torch"
+                if error.name == "torch"
+                else "which gsvrcodec-decoder comes without: install gsvrcodec in its place"
+            )
+            message = f"`gsvrcodec.{name}` needs {error.name}, {where}"
+            raise ModuleNotFoundError(message, name=error.name) from error
     elif name == "errors":
         value = importlib.import_module("gsvrcodec.errors")
     else:

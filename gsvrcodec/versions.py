@@ -22,6 +22,7 @@ def versions() -> dict[str, str]:
         "bitstream": f"{VERSION_MAJOR}.{VERSION_MINOR}",
         "native core": _core.isa(),
         "Python": platform.python_version(),
+        "NumPy": _installed("numpy"),
         "torch": _installed("torch"),
         "Triton": _installed("triton"),
         "PyAV": _installed("av"),

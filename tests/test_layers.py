@@ -80,7 +80,7 @@ ONLY_IN = {
     ("model", "native"): {"gop.py", "prediction.py", "quantise.py"},
     ("bitstream", "native"): {"refinement_bits.py"},
     ("render", "torch"): {
-        *("__init__.py", "reference.py", "device.py", "backend.py", "native.py"),
+        *("__init__.py", "reference.py", "device.py"),
         *_TRITON,
     },
     ("render", "triton"): _TRITON,
@@ -91,6 +91,7 @@ ONLY_IN = {
     ("encoder", "dask"): {"dask.py"},
     ("encoder", "distributed"): {"dask.py"},
     ("report", "matplotlib"): {"plot.py"},
+    ("fit", "torch"): {"motion.py"},
     ("fit", "torchvision"): {"motion.py"},
     ("cli", "encoder"): {"enc.py", "progress.py"},
     ("cli", "fit"): {"enc.py"},

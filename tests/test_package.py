@@ -117,6 +117,38 @@ for name in ("encode", "ClipDataset"):
     assert loaded_by(code).isdisjoint({"torch", "cv2"})
 
 
+def test_without_pytorch(tmp_path: Path) -> None:
+    """All but tensors, clips of them and GPUs, which say what they need."""
+    path = tmp_path / "a.gsvr"
+    code = f"""
+import sys
+class Nowhere:
+    def find_spec(self, name, *_):
+        if name in ("torch", "triton"):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Nowhere())
+import gsvrcodec
+from gsvrcodec.cli import dec, enc, report
+options = ["--preset", "fastest", "--profile"]
+for profile in ("paper", "main"):
+    assert enc.main(["-y", {str(making.NOISE)!r}, {str(path)!r}, *options, profile]) == 0
+assert dec.main([{str(path)!r}, {str(tmp_path / "out.mp4")!r}]) == 0
+assert report.main([{str(making.NOISE)!r}, {str(path)!r}]) == 0
+for needy in (
+    lambda: gsvrcodec.ClipDataset({str(path)!r}),
+    lambda: gsvrcodec.open({str(path)!r}, tensors=True)[0],
+    lambda: gsvrcodec.open({str(path)!r})[0].tensor,
+):
+    try:
+        needy()
+    except (gsvrcodec.errors.UsageError, ModuleNotFoundError) as error:
+        assert str(error).endswith("pip install torch")
+    else:
+        raise AssertionError
+"""
+    assert loaded_by(code).isdisjoint({"torch", "triton"})
+
+
 def test_import_is_light() -> None:
     assert loaded_by("import gsvrcodec").isdisjoint({*HEAVY, "numpy", "av", "click"})
 

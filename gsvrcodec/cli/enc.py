@@ -307,7 +307,7 @@ def command(
     not_on_a_terminal(target)
     if shared_source and cluster is None:
         raise click.UsageError("--shared-source is for the workers of a --cluster")
-    # Options and paths are checked before torch is loaded, which takes seconds.
+    # Options and paths are checked before the encoder is loaded.
     for name in ("start_seconds", "stop_seconds", "rate"):
         settings[name] = None if settings[name] is None else float(settings[name])
     chosen = EncodeSettings(**settings)

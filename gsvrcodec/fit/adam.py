@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from gsvrcodec.fit.parameters import GRIDS, MOTION, Parameters, Tensors
 from gsvrcodec.fit.recipe import Recipe
-from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Scalar
+from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Scalar, Tensor
 
 #: Attributes whose first two components are lengths along x and y.
 _LENGTHS = frozenset(("linear", "quadratic", "xy"))
@@ -21,36 +20,38 @@ _LENGTHS = frozenset(("linear", "quadratic", "xy"))
 _AXES = (0.3, 3.0)
 
 
-def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int]) -> Tensor:
+def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int], xp: Any) -> Tensor:
     """The axes of N Gaussians, as long as their scales in the mean scale of all.
 
     Args:
         tensors: the decoder's parameters, by the names of `Gop`.
         size: width and height of the coded frame, pixels.
+        xp: library of the tensors, see `Backend`.
 
     Returns:
         (N, 2, 2): x and y of the first and of the second axis, which is the last index; the frame
         spans [-1, 1].
     """
     log_scale, rotation = tensors["log_scale"], tensors["rotation"]
-    lengths = torch.exp(log_scale - log_scale.mean()).clamp(*_AXES)
-    x, y = rotation.cos(), rotation.sin()
-    along_x, along_y = torch.stack([x, -y], 1), torch.stack([y, x], 1)
+    lengths = xp.clip(xp.exp(log_scale - log_scale.mean()), *_AXES)
+    x, y = xp.cos(rotation), xp.sin(rotation)
+    along_x, along_y = xp.stack([x, -y], 1), xp.stack([y, x], 1)
     halves = size[0] / 2, size[1] / 2
-    return torch.stack([along_x * lengths / halves[0], along_y * lengths / halves[1]], 1)
+    return xp.stack([along_x * lengths / halves[0], along_y * lengths / halves[1]], 1)
 
 
-def turns_of(tensors: Mapping[str, Tensor]) -> Tensor:
+def turns_of(tensors: Mapping[str, Tensor], xp: Any) -> Tensor:
     """The smaller scale of N Gaussians over the larger: what a turn changes grows with length.
 
     Args:
         tensors: the decoder's parameters, by the names of `Gop`.
+        xp: library of the tensors, see `Backend`.
 
     Returns:
         (N,), of (0, 1].
     """
     log_scale = tensors["log_scale"]
-    return torch.exp(log_scale.amin(1) - log_scale.amax(1))
+    return xp.exp(xp.amin(log_scale, 1) - xp.amax(log_scale, 1))
 
 
 def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tensors:
@@ -71,10 +72,12 @@ def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tens
     if parameters.carried is not None and recipe.new != 1:
         new = 1 + (recipe.new - 1) * (1 - parameters.carried)
         for name in parameters.raw.keys() - set(GRIDS):
-            found[name] = new if parameters.raw[name].dim() > 1 else new[:, 0]
+            found[name] = new if parameters.raw[name].ndim > 1 else new[:, 0]
     if recipe.fast and "linear" in parameters.raw:
         linear = parameters.raw["linear"]
-        way = torch.hypot(linear[:, :1] * (size[0] / 2), linear[:, 1:] * (size[1] / 2))
+        way = parameters.backend.xp.hypot(
+            linear[:, :1] * (size[0] / 2), linear[:, 1:] * (size[1] / 2)
+        )
         factor = 1 + recipe.fast * way / (way + recipe.fast_px)
         for name in MOTION:
             found[name] = factor * found[name] if name in found else factor
@@ -106,13 +109,12 @@ class Adam:
         self._size, self._along_axes = size, recipe.in_pixels
         self._parts: dict[str, AdamPart] = {}
         for name, tensor in raw.items():
-            components = tensor.shape[-1] if tensor.dim() > 1 else 1
+            components = tensor.shape[-1] if tensor.ndim > 1 else 1
             rates = np.full(components, recipe.rates[name], np.float32)
             if recipe.in_pixels and name in _LENGTHS:
                 rates[:2] /= np.array(size, np.float32) / 2
-            moments = torch.zeros_like(tensor), torch.zeros_like(tensor)
-            given = torch.from_numpy(rates).to(tensor.device)
-            self._parts[name] = AdamPart(tensor, *moments, given)
+            moments = backend.xp.zeros_like(tensor), backend.xp.zeros_like(tensor)
+            self._parts[name] = AdamPart(tensor, *moments, backend.hold(rates))
 
     def look(self, tensors: Tensors, paces: Tensors | None = None) -> None:
         """Look at axes and paces of Gaussians: before the first step, and now and then.
@@ -121,14 +123,13 @@ class Adam:
             tensors: the decoder's parameters, by the names of `Gop`.
             paces: as `paces` gives them; None = 1.
         """
-        paces = dict(paces or {})
+        paces, xp = dict(paces or {}), self._backend.xp
         if self._along_axes and "position" in self._parts:
-            _put(self._parts["position"], "axes", axes_of(tensors, self._size))
+            self._put("position", "axes", axes_of(tensors, self._size, xp))
         if self._along_axes and "rotation" in self._parts:
-            paces["rotation"] = turns_of(tensors) * paces.get("rotation", 1.0)
+            paces["rotation"] = turns_of(tensors, xp) * paces.get("rotation", 1.0)
         for name, pace in paces.items():
-            part = self._parts[name]
-            _put(part, "pace", pace.expand_as(part.value))
+            self._put(name, "pace", pace * xp.ones_like(self._raw[name]))
 
     def step(self, gradients: Tensors, factor: Scalar, number: Scalar) -> None:
         """Follow the gradients.
@@ -153,12 +154,12 @@ class Adam:
                 mean[moved] = square[moved] = 0.0
             self._parts[name] = AdamPart(self._raw[name], mean, square, part.rates)
 
-
-def _put(part: AdamPart, name: str, values: Tensor) -> None:
-    """Hold values of a part, in place where there are some already."""
-    before = getattr(part, name)
-    if before is None:
-        setattr(part, name, values.contiguous())
-        part.held = None
-    else:
-        before.copy_(values)
+    def _put(self, name: str, what: Literal["axes", "pace"], values: Tensor) -> None:
+        """Hold values of a part, in place where there are some already."""
+        part = self._parts[name]
+        before = getattr(part, what)
+        if before is None:
+            setattr(part, what, values)
+            part.held = None
+        else:
+            before[...] = values

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from statistics import fmean
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage
@@ -79,22 +76,6 @@ class Fit:
         return stored if self.anchor is None else self.anchor.gop(stored)
 
 
-@contextmanager
-def single_torch_thread() -> Iterator[None]:
-    """Keep torch to one thread: a block, or a function that it decorates.
-
-    More would spin beside the core's. And when several threads are the first to call a function of
-    MKL, one of them may round otherwise than ever after.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@single_torch_thread()
 def fit_gop(
     footage: Footage,
     gaussians: int,
@@ -144,7 +125,7 @@ def price_of(
     if parameters.anchor is not None:
         found = parameters.anchor.costs(found)
     weight = bit_worth(qscale) / (255.0**2 * footage.pixels)
-    return Price(equal_slope_steps(found, qscale), weight, parameters.backend.device)
+    return Price(equal_slope_steps(found, qscale), weight, parameters.backend)
 
 
 def mean_psnr(gop: Gop, footage: Footage, backend: Backend) -> float:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, single_torch_thread
+from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr
 from gsvrcodec.fit.footage import Footage, Frames
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import Parameters, Tensors
@@ -26,7 +25,7 @@ from gsvrcodec.model.quantise import (
     STEP_DIGITS,
     dequantised,
 )
-from gsvrcodec.render.backend import AdamRule, Backend
+from gsvrcodec.render.backend import AdamRule, Backend, Tensor
 
 #: The publication's rates; no coarse stage.
 PAPER = Recipe(
@@ -45,7 +44,6 @@ PAPER = Recipe(
 )
 
 
-@single_torch_thread()
 def fit_as_published(
     footage: Footage,
     gaussians: int,
@@ -69,7 +67,7 @@ def fit_as_published(
         PAPER,
         effort,
         rng,
-        quantise=fake_quantiser(PAPER_BITS) if options.tune else None,
+        quantise=fake_quantiser(PAPER_BITS, backend.xp) if options.tune else None,
         quantise_from=EFFORT.qat_from,
     )
     gop = parameters.gop()
@@ -97,7 +95,7 @@ def random_start(frames: Frames, gaussians: int, grid: GridSize, rng: np.random.
     )
 
 
-def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
+def fake_quantiser(bits: Mapping[str, int], xp: Any) -> Callable[[Tensors], Tensors]:
     """Quantisation of each component over its range.
 
     The values agree with `gsvrcodec.model.quantise.dequantised` but for rounding. Their gradients
@@ -105,31 +103,32 @@ def fake_quantiser(bits: Mapping[str, int]) -> Callable[[Tensors], Tensors]:
 
     Args:
         bits: of each attribute; others stay as they are.
+        xp: library of the tensors, see `Backend`.
     """
 
     def quantise(tensors: Tensors) -> Tensors:
         out = {}
         for name, values in tensors.items():
             if name == "rotation":  # pi-periodic, and stored in [0, pi)
-                values = values - (values / math.pi).floor() * math.pi
-            stored = name in bits and values.numel()
-            out[name] = _over_range(values, bits[name]) if stored else values
+                values = values - xp.floor(values / math.pi) * math.pi
+            stored = name in bits and 0 not in values.shape
+            out[name] = _over_range(values, bits[name], xp) if stored else values
         return out
 
     return quantise
 
 
-def _over_range(values: Tensor, bits: int) -> Tensor:
+def _over_range(values: Tensor, bits: int, xp: Any) -> Tensor:
     """Round to the steps of a file that span the values of each component; see `Quantiser.fit`."""
-    columns = values.reshape(len(values), -1) if values.dim() < 3 else values.flatten(0, 1)
-    low, high = (end.double() for end in torch.aminmax(columns, dim=0))
+    columns = values.reshape(-1, values.shape[-1] if values.ndim > 1 else 1)
+    low, high = (xp.asarray(end(columns, 0), dtype=xp.float64) for end in (xp.amin, xp.amax))
     span = (high - low) / max((1 << bits) - 2, 1)
-    finest = torch.maximum(-low, high) / MOST_MULTIPLE
-    fraction, exponent = torch.frexp(torch.maximum(span, finest).clamp(min=LEAST_VALUE))
-    step = torch.ldexp((fraction * 2**STEP_DIGITS).ceil(), exponent - STEP_DIGITS)
-    first = (low / step).floor()
-    codes = (columns / step - first).round_().clamp_(0, (1 << bits) - 1)
-    return codes.add_(first).mul_(step).to(values.dtype).view_as(values)
+    finest = xp.maximum(-low, high) / MOST_MULTIPLE
+    fraction, exponent = xp.frexp(xp.clip(xp.maximum(span, finest), LEAST_VALUE, None))
+    step = xp.ldexp(xp.ceil(fraction * 2**STEP_DIGITS), exponent - STEP_DIGITS)
+    first = xp.floor(low / step)
+    codes = xp.clip(xp.round(columns / step - first), 0, (1 << bits) - 1)
+    return xp.asarray((codes + first) * step, dtype=values.dtype).reshape(values.shape)
 
 
 def as_published(fit: Fit, backend: Backend) -> Quantised:

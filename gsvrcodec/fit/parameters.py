@@ -6,9 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from gsvrcodec.fit.recipe import Deform
 from gsvrcodec.fit.tuned import OPACITY
@@ -16,7 +14,7 @@ from gsvrcodec.model.attributes import ATTRIBUTES
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import Look, change_units
 from gsvrcodec.model.static import append_gaussians
-from gsvrcodec.render.backend import Backend, Samples, Scalar
+from gsvrcodec.render.backend import Backend, Samples, Scalar, Tensor
 
 #: Attributes that a predicted GOP stores as changes.
 LOOK = ("position", "log_scale", "rotation", "colour", "log_opacity")
@@ -96,17 +94,18 @@ class Anchor:
         """Return an anchor of its own arrays."""
         return Anchor(self.start, self.look[np.arange(len(self.source))], self.source.copy())
 
-    def tensors(self, device: str) -> dict[str, torch.Tensor]:
-        """The look and its units on a device, and "carried", 1 or 0, (N, 1)."""
-        out = {name: torch.from_numpy(getattr(self.look, name)).to(device) for name in LOOK}
-        carried: Float32Array = self.carried[:, None].astype(np.float32)
-        units = self.units
-        out |= {_unit_of(name): torch.from_numpy(getattr(units, name)).to(device) for name in LOOK}
-        return out | {"carried": torch.from_numpy(carried).to(device)}
+    def arrays(self) -> dict[str, Float32Array]:
+        """The look and its units, and "carried", 1 or 0, (N, 1)."""
+        look, units = self.look, self.units
+        return {
+            **{name: getattr(look, name) for name in LOOK},
+            **{_unit_of(name): getattr(units, name) for name in LOOK},
+            "carried": self.carried[:, None].astype(np.float32),
+        }
 
 
 def _unit_of(name: str) -> str:
-    """The key of an attribute's units among the tensors of an anchor."""
+    """The key of an attribute's units among the arrays of an anchor."""
     return f"unit of {name}"
 
 
@@ -121,7 +120,7 @@ def put(held: Tensors, values: Tensors) -> None:
     """Hold values, in place where there are some already: a recorded step looks for them there."""
     for name, value in values.items():
         if name in held:
-            held[name].copy_(value)
+            held[name][...] = value
         else:
             held[name] = value
 
@@ -153,38 +152,36 @@ class Parameters:
         background: Gop | None = None,
         anchor: Anchor | None = None,
     ) -> None:
-        self.backend = backend
+        self.backend, xp = backend, backend.xp
         self.anchor = None if anchor is None else anchor.copy()
         self._anchored = self._anchor_tensors()
         self._frozen: Tensor | None = None
         self._moves: Tensor | None = None  # 1, or 0 for what is static, (N, 1)
         self.background = background
-        device = backend.device
         drawn = self._drawn(start)
-        tensors = {
-            name: torch.from_numpy(getattr(drawn, name).astype(np.float32)).to(device)
-            for name in NAMES
-        }
+        tensors = {name: backend.hold(getattr(drawn, name).astype(np.float32)) for name in NAMES}
         self._fixed: dict[str, Tensor] = {}
         if deform == "triplane":
             names = ("indicator", "linear", "quadratic")
-            self._fixed |= {name: torch.zeros_like(tensors[name]) for name in names}
+            self._fixed |= {name: xp.zeros_like(tensors[name]) for name in names}
         elif deform == "polynomial":
+            none = backend.hold(np.zeros((0, 0, 8), np.float32))
             self._fixed |= {
-                "indicator": torch.ones_like(tensors["indicator"]),
-                **{name: torch.zeros(0, 0, 8, device=device) for name in GRIDS},
+                "indicator": xp.ones_like(tensors["indicator"]),
+                **dict.fromkeys(GRIDS, none),
             }
         if backend.blending == "sum":
-            self._fixed["log_opacity"] = torch.zeros_like(tensors["log_opacity"])
+            self._fixed["log_opacity"] = xp.zeros_like(tensors["log_opacity"])
         self.raw = {name: tensor for name, tensor in tensors.items() if name not in self._fixed}
         if "indicator" in self.raw:
-            self.raw["indicator"] = torch.logit(tensors["indicator"].clamp(*_INDICATOR_RANGE))
+            share = xp.clip(tensors["indicator"], *_INDICATOR_RANGE)
+            self.raw["indicator"] = xp.log(share / (1 - share))
 
     def tensors(self) -> Tensors:
         """The decoder's parameters, in the order of `Gop`."""
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:
-            out["indicator"] = torch.sigmoid(out["indicator"])
+            out["indicator"] = self._indicator()
             if self._moves is not None:
                 out["indicator"] = 1 - self._moves[:, 0] * (1 - out["indicator"])
         return {name: out[name] for name in NAMES}
@@ -214,9 +211,13 @@ class Parameters:
         found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop, weights)[1]
         gradients = dict(zip(NAMES, found, strict=True))
         if "indicator" in self.raw:
-            indicator = torch.sigmoid(self.raw["indicator"])
+            indicator = self._indicator()
             gradients["indicator"] = gradients["indicator"] * indicator * (1 - indicator)
         return {name: gradients[name] for name in self.raw}
+
+    def _indicator(self) -> Tensor:
+        """The indicators that the logits in `raw` stand for, (N,)."""
+        return 1 / (1 + self.backend.xp.exp(-self.raw["indicator"]))
 
     @property
     def carried(self) -> Tensor | None:
@@ -265,7 +266,8 @@ class Parameters:
         them.
         """
         if "log_opacity" in self.raw:
-            self.raw["log_opacity"].clamp_(-OPACITY.most, OPACITY.most)
+            raw = self.raw["log_opacity"]
+            self.backend.xp.clip(raw, -OPACITY.most, OPACITY.most, out=raw)
 
     def rearrange(self, order: NDArray[np.intp]) -> None:
         """Put the Gaussians into another order, which may lack some and repeat others."""
@@ -280,7 +282,7 @@ class Parameters:
 
     def freeze(self, chosen: NDArray[np.bool_]) -> None:
         """From now on `hold` keeps the look of these Gaussians, (N,)."""
-        self._frozen = torch.from_numpy(np.flatnonzero(chosen)).to(self.backend.device)
+        self._frozen = self.backend.hold(np.flatnonzero(chosen))
 
     def make_static(self, chosen: NDArray[np.intp], static: NDArray[np.bool_]) -> None:
         """Take the motion of Gaussians away, and give them none from now on; or let them move.
@@ -294,10 +296,8 @@ class Parameters:
         if "linear" not in self.raw:
             return
         if self._moves is None:
-            self._moves = torch.ones_like(self.raw["linear"][:, :1])
-        self._moves[chosen] = torch.from_numpy(1 - static[:, None].astype(np.float32)).to(
-            self._moves.device
-        )
+            self._moves = self.backend.xp.ones_like(self.raw["linear"][:, :1])
+        self._moves[chosen] = self.backend.hold(1 - static[:, None].astype(np.float32))
         for name in MOTION:
             self.raw[name][chosen[static]] = 0.0
 
@@ -305,40 +305,42 @@ class Parameters:
         """Set the gradients of frozen looks, and of the motion of static Gaussians, to 0."""
         if self._frozen is not None:
             for name in gradients.keys() & LOOK:
-                gradients[name].index_fill_(0, self._frozen, 0.0)
+                gradients[name][self._frozen] = 0.0
         if self._moves is not None:
             for name in MOTION:
-                gradients[name].mul_(self._moves)
+                gradients[name] *= self._moves
             if "indicator" in gradients:
-                gradients["indicator"].mul_(self._moves[:, 0])
+                gradients["indicator"] *= self._moves[:, 0]
 
     def renew(
         self, chosen: NDArray[np.intp], like: NDArray[np.intp], **values: Float32Array
     ) -> None:
         """Make Gaussians new: as others are, but for the `values` given by the names of `Gop`."""
-        fresh = {name: self.raw[name][like].clone() for name in self.raw if name not in GRIDS}
+        fresh = {name: self.raw[name][like] for name in self.raw if name not in GRIDS}
         for name, tensor in fresh.items():
             self.raw[name][chosen] = tensor
         for name, value in values.items():
-            self.raw[name][chosen] = torch.from_numpy(value).to(self.backend.device)
+            self.raw[name][chosen] = self.backend.hold(value)
         if self.anchor is not None:
             self.anchor.release(chosen)
             self._anchored = self._anchor_tensors()
 
     def _anchor_tensors(self) -> Tensors | None:
-        return None if self.anchor is None else self.anchor.tensors(self.backend.device)
+        if self.anchor is None:
+            return None
+        return {name: self.backend.hold(array) for name, array in self.anchor.arrays().items()}
 
     def fix(self, names: Iterable[str], stored: Gop) -> None:
         """From now on attributes stay as they are stored: they leave `raw`.
 
         Looks in `raw` begin anew as stored, since places follow motion.
         """
-        drawn, device = self._drawn(stored), self.backend.device
+        drawn = self._drawn(stored)
         for name in names:
             self.raw.pop(name, None)
-            self._fixed[name] = torch.from_numpy(getattr(drawn, name)).to(device)
+            self._fixed[name] = self.backend.hold(getattr(drawn, name))
         for name in self.raw.keys() & LOOK:
-            self.raw[name] = torch.from_numpy(getattr(drawn, name).copy()).to(device)
+            self.raw[name] = self.backend.hold(getattr(drawn, name).copy())
 
     def _drawn(self, stored: Gop) -> Gop:
         return stored if self.anchor is None else self.anchor.gop(stored)
@@ -353,7 +355,7 @@ class Parameters:
         tensors = self.tensors()
         return Gop(
             **{
-                a.name: np.clip(tensors[a.name].numpy(force=True), 0.99 * a.low, 0.99 * a.high)
+                a.name: np.clip(self.backend.fetch(tensors[a.name]), 0.99 * a.low, 0.99 * a.high)
                 for a in ATTRIBUTES
             }
         )

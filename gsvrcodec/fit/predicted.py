@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of, single_torch_thread
+from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of
 from gsvrcodec.fit.footage import Footage, Picture, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
 from gsvrcodec.fit.moving import OverTime, to_be_static
@@ -40,7 +40,6 @@ class LastFrame:
     psnr: float  #: dB, mean of the frames of the reference
 
 
-@single_torch_thread()
 def fit_predicted(
     footage: Footage,
     reference: LastFrame,

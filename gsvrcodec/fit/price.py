@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-import torch
+import numpy as np
 
 from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters, Tensors, put
 from gsvrcodec.fit.tuned import PRICE
 from gsvrcodec.model.quantise import Steps
-from gsvrcodec.render.backend import Prices
+from gsvrcodec.render.backend import Backend, Prices
 
 #: Of what is carried over, changes are stored; of new Gaussians, values.
 _PRICES = {
@@ -33,18 +33,20 @@ class Price:
     Args:
         steps: quantiser steps of the attributes.
         weight: loss that one bit may cost.
-        device: of the tensors.
+        backend: of the fit.
     """
 
-    def __init__(self, steps: Steps, weight: float, device: str) -> None:
+    def __init__(self, steps: Steps, weight: float, backend: Backend) -> None:
         self._weight = weight / math.log(2)
-        self._steps = {name: torch.tensor(steps[name], device=device) for name in (*LOOK, *MOTION)}
+        self._steps = {
+            name: backend.hold(np.array(steps[name], np.float32)) for name in (*LOOK, *MOTION)
+        }
         self._slopes: Tensors = {}
 
     def add(self, gradients: Tensors) -> None:
         """Add the slopes to gradients, in place."""
         for name, slope in self._slopes.items():
-            gradients[name].add_(slope)
+            gradients[name] += slope
 
     def look(self, parameters: Parameters) -> None:
         """Compute the slopes: before `add`, and again now and then, since they change slowly."""
@@ -66,6 +68,7 @@ class Price:
             columns = value.reshape(len(value), -1)
             of_reference = None if name in MOTION else carried
             slope = parameters.backend.price_slopes(columns, step, of_reference, prices)
-            slopes[name] = slope.mul_(self._weight).reshape(value.shape)
+            slope *= self._weight
+            slopes[name] = slope.reshape(value.shape)
         parameters.pass_back(slopes)
         return slopes

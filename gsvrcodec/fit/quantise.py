@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.adam import Adam
-from gsvrcodec.fit.fitting import Fit, mean_psnr, single_torch_thread
+from gsvrcodec.fit.fitting import Fit, mean_psnr
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.optimise import PACED_STEPS, Effort, Every, targets_of, visits
 from gsvrcodec.fit.parameters import LOOK, MOTION, Anchor, Parameters
@@ -44,7 +44,6 @@ _STAGES = (
 )
 
 
-@single_torch_thread()
 def quantise_in_stages(
     gop: Gop,
     precision: Precision,
@@ -264,7 +263,6 @@ class QuantisedFit:
         return mean_psnr(decoded, self.fit.footage, self.backend)
 
 
-@single_torch_thread()
 def quantisable(
     fit: Fit,
     options: FitOptions,

@@ -180,7 +180,9 @@ def move_weakest(
 def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.intp]:
     """Put the Gaussians in rendering order, in place; return the index that each had before."""
     now = parameters.tensors()
-    position, log_scale = (now[name].numpy(force=True) for name in ("position", "log_scale"))
+    position, log_scale = (
+        parameters.backend.fetch(now[name]) for name in ("position", "log_scale")
+    )
     order = drawing_order(position, log_scale, coded_size)
     parameters.rearrange(order)
     return order

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
+from gsvrcodec.errors import UsageError
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend, Codes, Prepared, Size
@@ -117,9 +118,16 @@ def empty_frames(count: int, size: Size, *, bit_depth: int = 8, device: str = "c
 
 
 def as_tensor(frames: Codes) -> Tensor:
-    """Return frames as a torch tensor that shares their memory; a tensor is returned as it is."""
+    """Return frames as a torch tensor that shares their memory; a tensor is returned as it is.
+
+    Raises:
+        UsageError: PyTorch is not installed.
+    """
     if not isinstance(frames, np.ndarray):
         return frames
-    import torch
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        raise UsageError("tensors need PyTorch: pip install torch") from error
 
     return torch.from_numpy(frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 
-if TYPE_CHECKING:
-    from torch import Tensor as Tensor
-
 Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
 Size = tuple[int, int]  #: width and height, pixels
 Prepared = Any  #: a GOP as a backend holds it
+#: Numbers that are optimised, float32: a NumPy array on the CPU, a torch tensor on a GPU.
+Tensor = Any
 #: Samples where a backend compares them: a NumPy array on the CPU, a torch tensor on a GPU.
 Samples = Any
 #: A float; in a step that a GPU has recorded, a tensor of one element there.
@@ -63,10 +62,11 @@ class Prices(NamedTuple):
 class Backend(ABC):
     """One renderer on one device. All backends agree (spec section 8.6).
 
-    The parameters that are optimised are torch tensors on `device`, by the names of `Gop`.
+    The parameters that are optimised lie on `device`, by the names of `Gop`.
     """
 
     device: str  #: "cpu" or "cuda:N"
+    xp: Any  #: the library of their arrays: NumPy on the CPU, torch on a GPU
     blending: Blending  #: how pictures are formed
     #: whether a step takes less time if it leaves out some tiles of a frame
     skips_tiles: bool = False
@@ -200,6 +200,14 @@ class Backend(ABC):
     def upload(self, samples: NDArray[Any]) -> Samples:
         """Put frames or a picture where they are compared."""
         return samples
+
+    @abstractmethod
+    def hold(self, values: NDArray[Any]) -> Tensor:
+        """Put numbers where they are optimised; on the CPU they are not copied."""
+
+    @abstractmethod
+    def fetch(self, values: Tensor) -> NDArray[Any]:
+        """Return numbers as an array; on the CPU they are not copied."""
 
 
 def _slope(value: Tensor, step: Tensor) -> Tensor:

@@ -42,8 +42,8 @@ def choose_device(device: str) -> str:
 
 def _missing() -> str:
     """What keeps this machine from rendering on a GPU; empty if nothing does."""
-    if find_spec("triton") is None:
-        return "Triton is not installed; pip install triton"
+    if missing := [name for name in ("torch", "triton") if find_spec(name) is None]:
+        return f"GPUs need PyTorch and Triton; pip install {' '.join(missing)}"
     if "CC" not in os.environ and not any(map(shutil.which, ("gcc", "clang"))):
         return "Triton needs a C compiler when it is first used; install gcc or clang"
     import torch

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +20,14 @@ from gsvrcodec.render.backend import (
     Samples,
     Scalar,
     Size,
+    Tensor,
 )
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 class NativeBackend(Backend):
     """Renders on the CPU; the result does not depend on the number of threads."""
 
-    device = "cpu"
+    device, xp = "cpu", np
     skips_tiles = True
 
     def __init__(self, threads: int = 0, blending: Blending = "mean") -> None:
@@ -120,16 +118,15 @@ class NativeBackend(Backend):
         weights: Float32Array | None = None,
     ) -> tuple[float, Sequence[Tensor]]:
         """Render, compare and differentiate in one call of the core."""
-        # Views as NumPy arrays: nanobind takes them ten times as fast as tensors.
-        gradients = [value.new_empty(value.shape) for value in parameters.values()]
+        gradients = [np.empty(value.shape, np.float32) for value in parameters.values()]
         mean, threads = self._how
         error = _core.squared_error(
-            _core.Parameters(*(value.numpy() for value in parameters.values())),
+            _core.Parameters(*parameters.values()),
             tau,
             target,
             *coded_size,
             mean,
-            _core.Parameters(*(gradient.numpy() for gradient in gradients)),
+            _core.Parameters(*gradients),
             threads,
             backdrop,
             weights,
@@ -139,6 +136,15 @@ class NativeBackend(Backend):
     def upload(self, samples: NDArray[Any]) -> Samples:
         """Return what the core takes: sums, (H, W, 4), as a backdrop."""
         return _core.Backdrop(samples) if samples.shape[-1] == 4 else samples
+
+    def hold(self, values: NDArray[Any]) -> Tensor:
+        """Return the numbers."""
+        return values
+
+    def fetch(self, values: Tensor) -> NDArray[Any]:
+        """Return the numbers."""
+        array: NDArray[Any] = values
+        return array
 
     def adam_step(
         self,
@@ -152,20 +158,17 @@ class NativeBackend(Backend):
         for part in parts:
             if part.held is None:
                 arrays = part.value, part.mean, part.square, part.rates, part.pace, part.axes
-                part.held = _core.AdamPart(*(None if a is None else a.numpy() for a in arrays))
+                part.held = _core.AdamPart(*arrays)
         held = [part.held for part in parts]
-        slopes = [gradient.numpy() for gradient in gradients]
-        _core.adam_step(held, slopes, factor, *rule.betas, *rule[1:], step, self._how[1])
+        _core.adam_step(held, list(gradients), factor, *rule.betas, *rule[1:], step, self._how[1])
 
     def price_slopes(
         self, value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices
     ) -> Tensor:
         """Compute the slopes of prices of bits in one call of the core."""
-        slopes = value.new_empty(value.shape)
-        reference = None if carried is None else carried.numpy()
+        slopes = np.empty(value.shape, np.float32)
         change, fresh, near = prices
-        how = near, change, fresh, slopes.numpy(), self._how[1]
-        _core.price_slopes(value.numpy(), step.numpy(), reference, *how)
+        _core.price_slopes(value, step, carried, near, change, fresh, slopes, self._how[1])
         return slopes
 
 

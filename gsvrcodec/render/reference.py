@@ -7,7 +7,7 @@ Slow on purpose: each Gaussian is evaluated at each pixel, in whatever dtype the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -178,7 +178,7 @@ def render(
 class ReferenceBackend(Backend):
     """The equations in float64, on the CPU; slow."""
 
-    device = "cpu"
+    device, xp = "cpu", torch
     skips_tiles = True
 
     def __init__(self, blending: Blending = "mean") -> None:
@@ -274,6 +274,15 @@ class ReferenceBackend(Backend):
             gradient.to(values.dtype)
             for gradient, values in zip(gradients, parameters.values(), strict=True)
         ]
+
+    def hold(self, values: NDArray[Any]) -> Tensor:
+        """Return a tensor of the same memory."""
+        return torch.from_numpy(values)
+
+    def fetch(self, values: Tensor) -> NDArray[Any]:
+        """Return an array of the same memory."""
+        array: NDArray[Any] = values.numpy(force=True)
+        return array
 
     def adam_step(
         self,

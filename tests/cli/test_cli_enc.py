@@ -248,12 +248,12 @@ class TestBadInput:
         line = cli.fails(1, "gsvrenc", making.NOISE, tmp_path / "none" / "out.gsvr")
         assert "is not a directory" in line
 
-    def test_refused_before_torch_is_loaded(self, tmp_path: Path) -> None:
+    def test_refused_before_the_encoder_is_loaded(self, tmp_path: Path) -> None:
         code = f"""
 import sys
 from gsvrcodec.cli.enc import main
 assert main([{str(making.NOISE)!r}, {str(tmp_path / "o.gsvr")!r}, "--crop", "500:500"]) == 2
-assert "torch" not in sys.modules and "cv2" not in sys.modules
+assert "gsvrcodec.encoder.encode" not in sys.modules and "cv2" not in sys.modules
 """
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)
 

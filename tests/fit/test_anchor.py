@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.parameters import LOOK, Parameters
+from gsvrcodec.fit.parameters import LOOK, MOTION, Parameters
 from gsvrcodec.fit.tuned import OPACITY
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import (
@@ -129,7 +129,7 @@ class TestField:
                 getattr(parameters.stored(), name), getattr(stored, name), atol=4e-6
             )
         assert parameters.carried is not None
-        np.testing.assert_array_equal(parameters.carried.numpy()[:, 0], [1] * 20 + [0] * 8)
+        np.testing.assert_array_equal(parameters.carried[:, 0], [1] * 20 + [0] * 8)
 
     @pytest.mark.parametrize("tau", [-1.0, 0.4])
     def test_gradients_are_those_of_the_reference_renderer(self, tau: float) -> None:
@@ -137,7 +137,7 @@ class TestField:
         _, anchor, stored = example()
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         picture = np.random.default_rng(2).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
-        raw = {name: tensor.double() for name, tensor in parameters.raw.items()}
+        raw = {name: torch.from_numpy(array).double() for name, array in parameters.raw.items()}
         leaves = {name: tensor.requires_grad_() for name, tensor in raw.items()}
         exact = leaves | {"indicator": torch.sigmoid(leaves["indicator"])}
         exact = {name: exact[name] for name in Gop.__slots__}
@@ -154,10 +154,9 @@ class TestField:
         """The derivative of what is stored of a place, by finite differences of motion."""
         _, anchor, stored = example()
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
-        draw = torch.Generator().manual_seed(0)
-        slope = torch.rand(28, 2, generator=draw)
-        slopes = {name: torch.ones(28, 2) for name in ("linear", "quadratic")}
-        parameters.pass_back(slopes | {"position": slope.clone()})
+        slope = np.random.default_rng(0).random((28, 2), np.float32)
+        slopes = {name: np.ones((28, 2), np.float32) for name in ("linear", "quadratic")}
+        parameters.pass_back(slopes | {"position": slope.copy()})
         before = parameters.changes()["position"]
         for name, found in slopes.items():
             parameters.raw[name] += 1
@@ -171,9 +170,9 @@ class TestField:
         _, anchor, stored = example()
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         before = parameters.changes()[name]
-        slope = torch.rand(before.shape, generator=torch.Generator().manual_seed(0))
-        slopes = dict.fromkeys(("linear", "quadratic"), torch.zeros(28, 2))
-        slopes |= {"position": torch.zeros(28, 2), name: slope.clone()}
+        slope = np.random.default_rng(0).random(before.shape, np.float32)
+        slopes = {name: np.zeros((28, 2), np.float32) for name in ("position", *MOTION)}
+        slopes[name] = slope.copy()
         parameters.pass_back(slopes)
         parameters.raw[name] += 1
         added = parameters.changes()[name] - before
@@ -198,7 +197,7 @@ class TestField:
         parameters.renew(chosen, like, colour=np.zeros((2, 3), np.float32))
         after = parameters.gop()
         assert parameters.carried is not None
-        assert not parameters.carried.numpy()[chosen].any()
+        assert not parameters.carried[chosen].any()
         assert not after.colour[chosen].any()
         assert parameters.anchor is not None
         assert (parameters.anchor.source[chosen] == -1).all()
@@ -215,10 +214,10 @@ class TestField:
         parameters = Parameters(stored, "hybrid", BACKEND, anchor=anchor)
         frozen = np.arange(28) % 3 == 0
         parameters.freeze(frozen)
-        gradients = {name: torch.ones_like(tensor) for name, tensor in parameters.raw.items()}
+        gradients = {name: np.ones_like(tensor) for name, tensor in parameters.raw.items()}
         parameters.hold(gradients)
         for name, gradient in gradients.items():
-            held = gradient.numpy() == 0
+            held = gradient == 0
             if name in LOOK:
                 np.testing.assert_array_equal(held.reshape(28, -1).any(axis=1), frozen)
             else:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr, single_torch_thread
+from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop, mean_psnr
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import fit_as_published
 from gsvrcodec.fit.recipe import FitOptions
@@ -147,22 +146,3 @@ class TestMeanPsnr:
         assert mean_psnr(front, footage(frames, behind), BACKEND) == mean_psnr(
             append_gaussians(front, behind), footage(frames), BACKEND
         )
-
-
-def test_torch_has_one_thread_from_the_first_function_on(
-    shots: Footage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Several may round differently when they are the first to call it."""
-    before, seen = torch.get_num_threads(), list[int]()
-    logit = torch.logit
-
-    def counted(value: torch.Tensor) -> torch.Tensor:
-        seen.append(torch.get_num_threads())
-        return logit(value)
-
-    monkeypatch.setattr(torch, "logit", counted)
-    fitted(shots)
-    assert (seen, torch.get_num_threads()) == ([1], before)
-    with pytest.raises(KeyError), single_torch_thread():
-        raise KeyError
-    assert torch.get_num_threads() == before

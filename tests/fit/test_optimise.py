@@ -8,12 +8,11 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from torch import Tensor
 
 from gsvrcodec.fit.footage import Frames
 from gsvrcodec.fit.optimise import Effort, Every, optimise, visits
 from gsvrcodec.fit.paper import PAPER, random_start
-from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.parameters import Parameters, Tensors
 from gsvrcodec.fit.recipe import MAIN, Deform, Recipe
 from gsvrcodec.fit.relocate import relocate, reorder
 from gsvrcodec.fit.target import Slope
@@ -36,7 +35,7 @@ def fitted(
     *,
     recipe: Recipe = MAIN,
     deform: Deform = "hybrid",
-    quantise: Callable[[dict[str, Tensor]], dict[str, Tensor]] | None = None,
+    quantise: Callable[[Tensors], Tensors] | None = None,
 ) -> tuple[Parameters, float]:
     """Return a fitted parameters, and how much PSNR it won from a random start."""
     rng = np.random.default_rng(0)
@@ -77,7 +76,7 @@ def test_flat_pictures(level: int) -> None:
 def test_quantiser_is_applied_late() -> None:
     calls = []
 
-    def quantise(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    def quantise(tensors: Tensors) -> Tensors:
         calls.append(set(tensors))
         return tensors
 

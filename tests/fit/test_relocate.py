@@ -30,7 +30,7 @@ def started(frames: Frames, gaussians: int, deform: Deform = "hybrid") -> Parame
 def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     frames = moving_texture(3, (0, 0), SIZE)
     parameters = started(frames, 400, deform)
-    parameters.raw["log_opacity"].data[:50] = -11  # they hardly show
+    parameters.raw["log_opacity"][:50] = -11  # they hardly show
     before = parameters.gop()
     shown = render_frames(before, times(3), SIZE, SIZE)
     # The picture is met everywhere but in its lower right.
@@ -83,7 +83,7 @@ def test_opacities_follow_the_weights_that_are_there(log_opacity: float) -> None
 def test_a_moved_gaussian_follows_its_neighbours() -> None:
     frames = moving_texture(2, (0, 0), SIZE)
     parameters = started(frames, 200, "polynomial")
-    parameters.raw["linear"].data[:] = 0.25
+    parameters.raw["linear"][:] = 0.25
     _, moved = relocate(parameters, frames, times(2), SIZE, np.random.default_rng(1), 0.1)
     gop = parameters.gop()
     np.testing.assert_allclose(gop.linear[moved], 0.25)
@@ -120,7 +120,7 @@ def test_more_gaussians_come_where_the_error_is() -> None:
 def test_the_weakest_leave() -> None:
     frames = moving_texture(2, (0, 0), (40, 30))
     parameters = started(frames, 300)
-    parameters.raw["log_opacity"].data[20:50] = -11
+    parameters.raw["log_opacity"][20:50] = -11
     before = parameters.gop()
     pictures = sums_at(before, times(2), (40, 30), (40, 30), BACKEND)
     found = effects(before, pictures, (40, 30), BACKEND)

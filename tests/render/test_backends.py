@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ if not torch.cuda.is_available():
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.static import select_gaussians
-from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Samples, Scalar
+from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Samples, Scalar, Tensor
 from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
@@ -50,9 +51,9 @@ def arrays(gop: Gop) -> Gradients:
     return {name: getattr(gop, name) for name in Gop.__slots__}
 
 
-def tensors(gop: Gop, backend: Backend) -> dict[str, torch.Tensor]:
+def tensors(gop: Gop, backend: Backend) -> dict[str, Tensor]:
     """Parameters as a fit holds them: Gaussians in their own order."""
-    return {name: torch.from_numpy(a.copy()).to(backend.device) for name, a in arrays(gop).items()}
+    return {name: backend.hold(array.copy()) for name, array in arrays(gop).items()}
 
 
 def noise(example: Example, seed: int = 1) -> NDArray[np.float32]:
@@ -167,7 +168,7 @@ def test_squared_error(backends: Backends, blending: Blending, name: str, behind
         )
         losses.append(float(error))
         named = zip(Gop.__slots__, found, strict=True)
-        gradients.append({name: gradient.numpy(force=True) for name, gradient in named})
+        gradients.append({name: each.fetch(gradient) for name, gradient in named})
     assert losses[1] == pytest.approx(losses[0], rel=1e-4)
     examples.assert_gradients_close(gradients[1], gradients[0])
 
@@ -188,7 +189,7 @@ def test_what_stands_still_as_a_backdrop(backends: Backends, blending: Blending)
         error, gradients = backend.squared_error(
             tensors(drawn, backend), TAU, backend.upload(target), example.coded_size, behind
         )
-        found.append((float(error), [gradient.numpy(force=True) for gradient in gradients]))
+        found.append((float(error), [backend.fetch(gradient) for gradient in gradients]))
     assert found[1][0] == pytest.approx(found[0][0], rel=1e-5)
     for name, expected, actual in zip(Gop.__slots__, found[0][1], found[1][1], strict=True):
         if name in ("xy", "xt", "yt"):
@@ -251,29 +252,31 @@ def test_adam_step(backends: Backends, paced: bool, along_axes: bool, rule: Adam
     backend, reference = backends("mean"), ReferenceBackend()
     r = np.random.default_rng(0)
 
-    def normal(*shape: int) -> torch.Tensor:
-        return torch.from_numpy(r.normal(size=shape).astype(np.float32))
+    def normal(*shape: int) -> Float32Array:
+        return r.standard_normal(shape, np.float32)
 
     shapes: list[tuple[int, ...]] = [(0, 2), (1,), (30_001, 3), (5, 4, 8), (20_001, 2)]
     starts = [normal(*shape) for shape in shapes]
-    rates = [normal(shape[-1] if len(shape) > 1 else 1).abs() / 10 for shape in shapes]
-    paces = [normal(*shape).abs() if paced else None for shape in shapes]
+    rates = [abs(normal(shape[-1] if len(shape) > 1 else 1)) / 10 for shape in shapes]
+    paces = [abs(normal(*shape)) if paced else None for shape in shapes]
     axes = [normal(len(t), 2, 2) if along_axes and t.shape[1:] == (2,) else None for t in starts]
     gradients = [[normal(*shape) for shape in shapes] for _ in range(3)]
     states = []
-    for each, dtype in ((reference, torch.float64), (backend, torch.float32)):
+    for each, dtype in ((reference, np.float64), (backend, np.float32)):
+
+        def held(array: NDArray[Any], each: Backend = each, dtype: type = dtype) -> Tensor:
+            return each.hold(array.astype(dtype))
+
         parts = []
         for start, rate, pace, own in zip(starts, rates, paces, axes, strict=True):
-            value = start.to(each.device, dtype, copy=True)
-            part = AdamPart(value, torch.zeros_like(value), torch.zeros_like(value), rate.to(value))
-            part.pace = None if pace is None else pace.to(value)
-            part.axes = None if own is None else own.to(value)
+            part = AdamPart(held(start), held(0 * start), held(0 * start), held(rate))
+            part.pace = None if pace is None else held(pace)
+            part.axes = None if own is None else held(own)
             parts.append(part)
         for step, slopes in enumerate(gradients, 1):
-            there = [slope.to(each.device, dtype) for slope in slopes]
-            each.adam_step(parts, there, rule, 0.5, step)
+            each.adam_step(parts, [held(slope) for slope in slopes], rule, 0.5, step)
         moments = [(part.value, part.mean, part.square) for part in parts]
-        states.append([tensor.numpy(force=True) for part in moments for tensor in part])
+        states.append([each.fetch(tensor) for part in moments for tensor in part])
     for expected, actual in zip(*states, strict=True):
         np.testing.assert_allclose(actual, expected, rtol=1e-4, atol=3e-6)
 
@@ -286,18 +289,19 @@ def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> 
     size = example.size
     r = np.random.default_rng(0)
     frames = r.integers(0, 256, (3, size[1], size[0], 3), np.uint8)
-    rates, found = torch.full((2,), 0.01, device=backend.device), []
+    rates, found = backend.hold(np.full(2, 0.01, np.float32)), []
     for recorded in (False, True, True):
         values = tensors(example.gop, backend)
         place = values["position"]
-        part = AdamPart(place, torch.zeros_like(place), torch.zeros_like(place), rates)
+        nothing = backend.xp.zeros_like
+        part = AdamPart(place, nothing(place), nothing(place), rates)
 
         def step(
             tau: Scalar,
             target: Samples,
             factor: Scalar,
             number: Scalar,
-            values: dict[str, torch.Tensor] = values,
+            values: dict[str, Tensor] = values,
             part: AdamPart = part,
         ) -> None:
             _, gradients = backend.squared_error(values, tau, target, size)
@@ -308,7 +312,7 @@ def test_recorded_steps_are_the_same(backends: Backends, blending: Blending) -> 
         for number in range(1, 7):
             index = number % 3
             taken(index - 1.0, backend.upload(frames[index]), 1 / number, number)
-        found.append(place.numpy(force=True))
+        found.append(backend.fetch(place))
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], atol=1e-6)
     assert np.abs(found[0] - example.gop.position).max() > 1e-3

@@ -54,6 +54,15 @@ def test_auto_loads_nothing() -> None:
         subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_without_pytorch_or_triton(monkeypatch: pytest.MonkeyPatch) -> None:
+    for missing, said in ({"torch", "triton"}, "torch triton"), ({"triton"}, "triton"):
+        monkeypatch.setattr(
+            gsvrcodec.render.device, "find_spec", lambda name, no=missing: None if name in no else 1
+        )
+        with pytest.raises(DeviceError, match=f"pip install {said};"):
+            choose_device("cuda")
+
+
 @with_gpu
 def test_gpu() -> None:
     assert choose_device("auto") == choose_device("cuda") == "cuda:0"

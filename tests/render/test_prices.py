@@ -17,7 +17,16 @@ NATIVE = NativeBackend(2)
 def reference(value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices) -> Tensor:
     """What any backend does that has no kernel for it, in float64."""
     exact = None if carried is None else carried.double()
-    return Backend.price_slopes(NATIVE, value.double(), step.double(), exact, prices)
+    found: Tensor = Backend.price_slopes(NATIVE, value.double(), step.double(), exact, prices)
+    return found
+
+
+def slopes(
+    value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices, threads: int = 2
+) -> Tensor:
+    """What the kernel gives."""
+    arrays = value.numpy(), step.numpy(), None if carried is None else carried.numpy()
+    return torch.from_numpy(NativeBackend(threads).price_slopes(*arrays, prices))
 
 
 def values(count: int, columns: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -36,12 +45,12 @@ def values(count: int, columns: int) -> tuple[Tensor, Tensor, Tensor]:
 def test_the_kernel_agrees(count: int, columns: int, prices: Prices) -> None:
     value, step, carried = values(count, columns)
     for known in (carried, None):
-        found = NATIVE.price_slopes(value, step, known, prices)
+        found = slopes(value, step, known, prices)
         wanted = reference(value, step, known, prices)
         # Where a value is hardly its neighbours' mean, rounding decides about the sign.
         close = torch.isclose(found.double(), wanted, rtol=1e-4, atol=1e-4)
         assert close.double().mean() > 0.995 or close.all()
-        alone = NativeBackend(1).price_slopes(value, step, known, prices)
+        alone = slopes(value, step, known, prices, threads=1)
         assert torch.equal(alone, found)
 
 
@@ -61,7 +70,7 @@ def test_the_usual_is_the_mean_of_the_neighbours_that_there_are() -> None:
     means = [(0 + 1) / 2, (0 + 1 + 4) / 3, 14 / 3, 29 / 3, 50 / 3, (16 + 25) / 2]
     apart = value - torch.tensor(means)[:, None]
     step = torch.ones(1)
-    found = NATIVE.price_slopes(value, step, None, Prices(0.0, 2.0, 3))
+    found = slopes(value, step, None, Prices(0.0, 2.0, 3))
     torch.testing.assert_close(found, 2 * apart.sign() / (apart.abs() + 1))
 
 

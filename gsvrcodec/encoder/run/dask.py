@@ -25,7 +25,7 @@ VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
 #: Loads the libraries of a fit during the analysis of the film.
 LOAD = "__import__('gsvrcodec.encoder.gop') and None"
 #: Versions that must be the same, and those without which files may differ.
-_REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "torch", "Triton")
+_REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "NumPy", "Triton")
 _log = logging.getLogger(__name__)
 
 

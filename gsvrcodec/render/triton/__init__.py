@@ -142,7 +142,7 @@ class TritonBackend(Backend):
 
     def __init__(self, device: str, blending: Blending = "mean") -> None:
         """Render on "cuda:N"; on "cpu" if Triton interprets."""
-        self.device = device
+        self.device, self.xp = device, torch
         self.blending = blending
         self._place = torch.device(device)
         self._recorder = Recorder(self._place)
@@ -281,6 +281,16 @@ class TritonBackend(Backend):
         """Copy frames or a picture to the device."""
         with memory_checked(f"hold samples of shape {samples.shape}"):
             return torch.from_numpy(np.ascontiguousarray(samples)).to(self._place)
+
+    def hold(self, values: NDArray[Any]) -> Tensor:
+        """Copy numbers to the device."""
+        with memory_checked("hold the parameters of a fit"):
+            return torch.from_numpy(values).to(self._place)
+
+    def fetch(self, values: Tensor) -> NDArray[Any]:
+        """Copy numbers from the device."""
+        array: NDArray[Any] = values.numpy(force=True)
+        return array
 
     def _number(self, value: Scalar) -> Tensor:
         if isinstance(value, Tensor):
