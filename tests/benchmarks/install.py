@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 
 #: What is installed, and how.
 WAYS = {
-    "all of it, PyTorch for CPUs": ("-e", "."),
+    "all of it": ("-e", "."),
     "the decoder alone": ("./packaging/decoder",),
 }
 
