@@ -181,7 +181,7 @@ class Parameters:
         """The decoder's parameters, in the order of `Gop`."""
         out = {**self._fixed, **self.raw}
         if "indicator" in self.raw:
-            out["indicator"] = self._indicator()
+            out["indicator"] = self.backend.sigmoid(out["indicator"])
             if self._moves is not None:
                 out["indicator"] = 1 - self._moves[:, 0] * (1 - out["indicator"])
         return {name: out[name] for name in NAMES}
@@ -211,13 +211,9 @@ class Parameters:
         found = self.backend.squared_error(tensors, tau, target, coded_size, backdrop, weights)[1]
         gradients = dict(zip(NAMES, found, strict=True))
         if "indicator" in self.raw:
-            indicator = self._indicator()
+            indicator = self.backend.sigmoid(self.raw["indicator"])
             gradients["indicator"] = gradients["indicator"] * indicator * (1 - indicator)
         return {name: gradients[name] for name in self.raw}
-
-    def _indicator(self) -> Tensor:
-        """The indicators that the logits in `raw` stand for, (N,)."""
-        return 1 / (1 + self.backend.xp.exp(-self.raw["indicator"]))
 
     @property
     def carried(self) -> Tensor | None:

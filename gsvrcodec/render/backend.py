@@ -185,6 +185,10 @@ class Backend(ABC):
         slopes = prices.fresh * (1 - of_reference) * _slope(differing, step)
         return slopes + prices.change * of_reference * _slope(value, step)
 
+    def sigmoid(self, values: Tensor) -> Tensor:
+        """Return 1 / (1 + exp(-x)) of each number."""
+        return 1 / (1 + self.xp.exp(-values))
+
     def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
         """Return a step that takes less time when it is repeated.
 
