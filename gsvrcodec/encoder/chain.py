@@ -15,6 +15,7 @@ import numpy as np
 from gsvrcodec.bitstream.gop_payload import unpack_gop
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
+from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.job import GopJob, Reference
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import visited_frames
@@ -189,8 +190,6 @@ def encode_chain(task: ChainTask, threads: int) -> list[EncodedGop]:
             f"a worker has other sources of gsvrcodec ({sources()}) than the process that encodes "
             f"({task.sources}): install the same version on both"
         )
-    from gsvrcodec.encoder.gop import encode_gop
-
     return list(one_by_one(task.jobs(), encode_gop, threads))
 
 

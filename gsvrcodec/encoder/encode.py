@@ -35,7 +35,7 @@ from gsvrcodec.encoder.request import Request, checked
 from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
-from gsvrcodec.encoder.run.local import Processes, load_if_alone
+from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
@@ -150,8 +150,6 @@ def encode(
         meter = Meter(lookahead, checkpoint, began, progress, tick, video.expected_frames, pace)
         lookahead.waiting = partial(meter.report, "analysing")
         lookahead.waiting()
-        if elsewhere is None:
-            load_if_alone(video, chosen)
         # Analyse, ahead of the fits: where GOPs begin, and which are predicted.
         if not lookahead.until(bool):
             raise NotAVideoError(f"{path} has no video frames")

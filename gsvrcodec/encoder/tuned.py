@@ -95,8 +95,8 @@ class _Processes:
     """When several processes pay."""
 
     step_seconds: float = 15e-9  #: time of an optimiser step for each pixel of its frame
-    least_seconds: float = 10.0  #: a shorter encode is done by one process before others start
-    process_bytes: int = 300 * 2**20  #: memory of a process
+    least_seconds: float = 2.0  #: a shorter encode is done by one process before others start
+    process_bytes: int = 100 * 2**20  #: memory of a process
     fit_bytes: int = 9  #: memory of a fit, and of what waits for it, / bytes of its frames
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from gsvrcodec.encoder.chain import ChainTask, encode_chain, one_by_one
+from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.run.local import sendable
 from gsvrcodec.errors import ClusterError, UsageError, WorkerError
@@ -22,8 +23,6 @@ from gsvrcodec.versions import versions
 
 #: Evaluated by workers, which may not have gsvrcodec at all.
 VERSIONS = "__import__('gsvrcodec.versions', fromlist=['versions']).versions()"
-#: Loads the libraries of a fit during the analysis of the film.
-LOAD = "__import__('gsvrcodec.encoder.gop') and None"
 #: Versions that must be the same, and those without which files may differ.
 _REQUIRED, _WANTED = ("gsvrcodec", "bitstream", "sources"), ("native core", "NumPy", "Triton")
 _log = logging.getLogger(__name__)
@@ -57,8 +56,6 @@ def encoded(data: bytes, threads: int) -> list[EncodedGop] | Exception:
         The GOPs of the chain, or the error.
     """
     from distributed import get_worker
-
-    from gsvrcodec.encoder.gop import encode_gop
 
     worker = get_worker()
     key = worker.get_current_task()
@@ -122,7 +119,6 @@ class Cluster(Executor):
         self._over: Exception | None = None  # why nothing can be done any more
         self._sending = threading.Semaphore(_SENDERS)
         self._open: set[Future[list[EncodedGop]]] = set()
-        self._loading: list[Any] = []  # Dask's futures, which end with the client
         self._client, self.address = _connected(address)
         try:
             self._look(refuse=True)
@@ -284,9 +280,6 @@ class Cluster(Executor):
                 _log.warning("%s; it is left out", wrong)
                 self._refused.add(address)
         come -= self._refused
-        self._loading += [
-            self._client.submit(eval, LOAD, workers=[address], pure=False) for address in come
-        ]
         with self._changed:
             for address in self._crew.keys() - there:
                 del self._crew[address]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import pickle
 import queue
@@ -22,6 +21,7 @@ from typing import Self
 from gsvrcodec.encoder.chain import ChainJobs, ChainTask, missing_frames, one_by_one
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.results import EncodedGop
@@ -29,8 +29,7 @@ from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import PROCESSES
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.render.native import resolve_threads
-from gsvrcodec.video import VideoInfo, VideoReader
-from gsvrcodec.video.timing import DEFAULT_RATE
+from gsvrcodec.video import VideoInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,23 +83,6 @@ class Processes:
         return fit_gops((task.jobs() for task in tasks), self.workers, self.threads)
 
 
-def load_if_alone(video: VideoReader, settings: EncodeSettings) -> None:
-    """Load PyTorch if this process will fit all GOPs, as far as can be told before the analysis.
-
-    Args:
-        video: the source.
-        settings: of the encode.
-    """
-    info, frames = video.info, video.expected_frames
-    alone = 1 in _wanted(settings.execution)
-    if frames is not None:
-        chain = settings.keyint * (info.average_rate or DEFAULT_RATE) if settings.predicts else 0
-        seconds = frames * settings.expected_pace(info.width * info.height)
-        alone |= frames <= chain or seconds <= PROCESSES.least_seconds
-    if alone:
-        importlib.import_module("gsvrcodec.encoder.gop")
-
-
 def _wanted(execution: Execution) -> tuple[int, int]:
     """Return how many processes are asked for, 0 = by time and memory, and how many may be."""
     # One process keeps a GPU busy.
@@ -127,8 +109,6 @@ def fit_gops(
         Exception: whatever `encode_gop` raises.
     """
     if workers == 1:
-        from gsvrcodec.encoder.gop import encode_gop
-
         for chain in chains:
             yield from one_by_one(chain, encode_gop, threads)
         return
@@ -298,8 +278,6 @@ def serve() -> None:
 
 def _answer(job: GopJob) -> bytes:
     """Return the pickled result, or the pickled error."""
-    from gsvrcodec.encoder.gop import encode_gop
-
     try:
         return pickle.dumps(encode_gop(job), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
