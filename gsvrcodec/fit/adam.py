@@ -51,7 +51,7 @@ def turns_of(tensors: Mapping[str, Tensor], xp: Any) -> Tensor:
         (N,), of (0, 1].
     """
     log_scale = tensors["log_scale"]
-    return xp.exp(xp.amin(log_scale, 1) - xp.amax(log_scale, 1))
+    return xp.exp(-abs(log_scale[:, 0] - log_scale[:, 1]))
 
 
 def paces(parameters: Parameters, recipe: Recipe, size: tuple[int, int]) -> Tensors:
