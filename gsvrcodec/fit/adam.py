@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -16,8 +17,8 @@ from gsvrcodec.render.backend import AdamPart, AdamRule, Backend, Scalar, Tensor
 _LENGTHS = frozenset(("linear", "quadratic", "xy"))
 
 
-#: Shortest and longest axis, in the mean scale. 0.1 and 10 cost 0.01 dB.
-_AXES = (0.3, 3.0)
+#: Logarithms of the shortest and the longest axis, in the mean scale. 0.1 and 10 cost 0.01 dB.
+_LOG_AXES = (math.log(0.3), math.log(3.0))
 
 
 def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int], xp: Any) -> Tensor:
@@ -33,7 +34,7 @@ def axes_of(tensors: Mapping[str, Tensor], size: tuple[int, int], xp: Any) -> Te
         spans [-1, 1].
     """
     log_scale, rotation = tensors["log_scale"], tensors["rotation"]
-    lengths = xp.clip(xp.exp(log_scale - log_scale.mean()), *_AXES)
+    lengths = xp.exp(xp.clip(log_scale - log_scale.mean(), *_LOG_AXES))
     x, y = xp.cos(rotation), xp.sin(rotation)
     along_x, along_y = xp.stack([x, -y], 1), xp.stack([y, x], 1)
     halves = size[0] / 2, size[1] / 2

@@ -186,8 +186,8 @@ class Backend(ABC):
         return slopes + prices.change * of_reference * _slope(value, step)
 
     def sigmoid(self, values: Tensor) -> Tensor:
-        """Return 1 / (1 + exp(-x)) of each number."""
-        return 1 / (1 + self.xp.exp(-values))
+        """Return 1 / (1 + exp(-x)) of each number; of x below -80, that of -80."""
+        return 1 / (1 + self.xp.exp(self.xp.clip(-values, None, 80)))
 
     def recorded(self, step: Callable[..., None]) -> Callable[..., None]:
         """Return a step that takes less time when it is repeated.

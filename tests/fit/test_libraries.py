@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gsvrcodec.fit.adam import Adam, paces
+from gsvrcodec.fit.adam import Adam, axes_of, paces, turns_of
 from gsvrcodec.fit.parameters import GRIDS, Anchor, Parameters
 from gsvrcodec.fit.price import Price
 from gsvrcodec.fit.recipe import MAIN, PREDICTED, Deform
@@ -67,3 +67,16 @@ def test_they_agree(kind: str, deform: Deform) -> None:
         if name not in GRIDS:
             moved = max(moved, float(np.abs(one - getattr(start, name)).max()))
     assert moved > 0.1
+
+
+@pytest.mark.parametrize("backend", [BACKEND, ReferenceBackend()], ids=["numpy", "torch"])
+def test_numbers_without_bounds_overflow_nowhere(backend: Backend) -> None:
+    """Logits and scales that have drifted far away: NumPy would warn of what is infinite."""
+    far = backend.hold(np.array([-1e9, -100, 0, 100, 1e9], np.float32))
+    with np.errstate(all="raise", under="ignore"):
+        shares = backend.fetch(backend.sigmoid(far))
+        tensors = {"log_scale": backend.xp.stack([far, -far], 1), "rotation": 0 * far}
+        axes, turns = axes_of(tensors, SIZE, backend.xp), turns_of(tensors, backend.xp)
+    np.testing.assert_allclose(shares, [0, 0, 0.5, 1, 1], atol=1e-6)
+    np.testing.assert_array_equal(backend.fetch(turns), [0, 0, 1, 0, 0])
+    assert np.isfinite(backend.fetch(axes)).all()
