@@ -169,7 +169,7 @@ class Backend(ABC):
     def price_slopes(
         self, value: Tensor, step: Tensor, carried: Tensor | None, prices: Prices
     ) -> Tensor:
-        """Return the slopes of prices of bits, (N, C).
+        """Return the slopes of prices of bits, (N, C); here of torch tensors.
 
         With S(x) = sign(x) / (|x| + step), which is the derivative of ln(1 + |x| / step), they are
         change carried S(value) + fresh (1 - carried) S(value - usual).

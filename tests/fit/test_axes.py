@@ -32,4 +32,4 @@ def test_by_hand() -> None:
 
 def test_axes_are_not_too_long_or_short() -> None:
     found = offsets([[-9.0, 9.0]], [0.0], [[1.0, 1.0]])
-    np.testing.assert_allclose(found, [[0.3, 3.0]], rtol=1e-5)
+    np.testing.assert_allclose(found, [[0.3, 3.0]], rtol=1e-6)

@@ -56,7 +56,7 @@ def test_a_pace_is_a_factor_of_the_step() -> None:
 
     usual, same, thrice = steps(None), steps(1.0), steps(3.0)
     for name, step in usual.items():
-        np.testing.assert_allclose(same[name], step, rtol=1e-5, atol=1e-7)
+        np.testing.assert_allclose(same[name], step, rtol=1e-6, atol=1e-7)
         wanted = 3 * step if name == "position" else step
         np.testing.assert_allclose(thrice[name], wanted, atol=1e-6, rtol=1e-4)
 

@@ -283,13 +283,12 @@ class TritonBackend(Backend):
 
     def upload(self, samples: NDArray[Any]) -> Tensor:
         """Copy frames or a picture to the device."""
-        with memory_checked(f"hold samples of shape {samples.shape}"):
+        with memory_checked(f"hold an array of shape {samples.shape}"):
             return torch.from_numpy(np.ascontiguousarray(samples)).to(self._place)
 
     def hold(self, values: NDArray[Any]) -> Tensor:
         """Copy numbers to the device."""
-        with memory_checked("hold the parameters of a fit"):
-            return torch.from_numpy(values).to(self._place)
+        return self.upload(values)
 
     def fetch(self, values: Tensor) -> NDArray[Any]:
         """Copy numbers from the device."""
