@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.chunk import ChunkEntry
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
+from gsvrcodec.bitstream.plate import unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import GAUSSIAN_PARAMETERS, Gop
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import DROPPED
 from gsvrcodec.model.time import Ticks
 
@@ -29,6 +31,7 @@ class WholeGop:
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
     reference: int | None = None  #: position of the reference in the file; None = key GOP
     kept: NDArray[np.bool_] | None = None  #: (M,) which Gaussians of the reference it takes over
+    plate: Plate | None = None  #: behind its Gaussians; None = none
 
 
 class GopUnpacker:
@@ -100,12 +103,15 @@ class GopUnpacker:
         self, content: GopContent, reference: int | None, known: WholeGop | None
     ) -> WholeGop:
         """Take over what stays of the reference, whose position and content are given."""
-        whole, kept = content.new, None
+        header = self._reader.header
+        whole, kept, plate = content.new, None, None
+        if content.plate is not None:
+            plate = unpack_plate(content.plate, (header.width, header.height))
         if known is not None and content.carried is not None:
-            blending = self._reader.header.blending
-            whole = content.gop(known.gop, len(known.pts), blending)
-            kept = content.carried.mode != DROPPED
-        return WholeGop(whole, content.first_frame, content.pts, content.durations, reference, kept)
+            whole = content.gop(known.gop, len(known.pts), header.blending)
+            kept, plate = content.carried.mode != DROPPED, known.plate
+        times = content.pts, content.durations
+        return WholeGop(whole, content.first_frame, *times, reference, kept, plate)
 
     def _fault(self, link: int, position: int) -> CorruptError:
         """Return the error of a GOP of the chain, for the GOP that was asked for."""

@@ -133,6 +133,7 @@ class GopHead(GopSummary):
     dropped: int = 0  #: of these, Gaussians that the GOP does not take over
     changed: int = 0  #: of these, Gaussians whose look changes
     moved: int = 0  #: of these, Gaussians that move
+    plate: bool = False  #: whether the GOP stores a plate
 
     @property
     def new(self) -> int:
@@ -149,7 +150,7 @@ class GopHead(GopSummary):
             self.length,
             self.planes,
             *self.grid,
-            0,
+            self.plate,
             self.carried_from,
             self.dropped,
             self.changed,
@@ -165,12 +166,14 @@ class GopHead(GopSummary):
 
     @spec_section("4")
     def check_maxima(self, header: Header) -> None:
-        """Raise a CorruptError if the GOP exceeds a maximum of the header.
+        """Raise a CorruptError if the GOP exceeds a maximum of the header, or lacks its flag.
 
         Only in a file of a newer minor version may the head be longer than this version knows.
         """
         if self.length > GOP_HEAD_BYTES and header.version_minor <= VERSION_MINOR:
             raise CorruptError(f"GOP head of {self.length} bytes, expected {GOP_HEAD_BYTES}")
+        if self.plate and not header.plates:
+            raise CorruptError("a plate in a file whose header has not the flag of plates")
         most = max(self.gaussians, self.carried_from)
         if most > header.max_gaussians:
             raise CorruptError(f"{most} Gaussians, the header's maximum is {header.max_gaussians}")
@@ -213,7 +216,7 @@ def parse_gop_head(payload: bytes) -> GopHead:
     """
     if len(payload) < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP of {len(payload)} bytes, its head alone takes {GOP_HEAD_BYTES}")
-    length, planes, gx, gy, gt, zero, carried_from, dropped, changed, moved = _SHAPE.unpack_from(
+    length, planes, gx, gy, gt, plate, carried_from, dropped, changed, moved = _SHAPE.unpack_from(
         payload, _SUMMARY.size
     )
     head = GopHead(
@@ -225,12 +228,13 @@ def parse_gop_head(payload: bytes) -> GopHead:
         dropped=dropped,
         changed=changed,
         moved=moved,
+        plate=bool(plate),
     )
     head.check()
     if length < GOP_HEAD_BYTES:
         raise CorruptError(f"GOP head of {length} bytes, expected {GOP_HEAD_BYTES}")
-    if zero:
-        raise CorruptError(f"reserved bytes of a GOP head are {zero:#06x}, expected 0")
+    if plate > head.is_key:
+        raise CorruptError(f"plate {plate} of a {'key' if head.is_key else 'predicted'} GOP")
     if carried_from and head.is_key:
         raise CorruptError(f"key GOP that carries {carried_from} Gaussians")
     kept = carried_from - dropped

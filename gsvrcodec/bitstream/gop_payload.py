@@ -1,4 +1,4 @@
-"""Payload of a GOP chunk: head, timing, plane table, planes (spec section "GOP chunk")."""
+"""Payload of a GOP chunk: head, timing, plate, plane table, planes (spec section "GOP chunk")."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
+from gsvrcodec.bitstream.plate import find_plate, plate_bytes
 from gsvrcodec.bitstream.timing import pack_timing, unpack_timing
 from gsvrcodec.errors import CorruptError, spec_section
 from gsvrcodec.limits import Limits
@@ -39,6 +40,7 @@ class GopContent:
     durations: Ticks  #: (F,) durations, ticks, 0 = not known
     reference: int = 0  #: frames from the reference's first frame to this GOP's; 0 = key GOP
     carried: Carried | None = None  #: how the reference's Gaussians go on; None = key GOP
+    plate: bytes | None = None  #: coded; None = the GOP stores none
 
     def gop(self, reference: Gop | None, frames: int, blending: Blending = "mean") -> Gop:
         """Return the whole GOP.
@@ -78,6 +80,7 @@ def pack_gop(
     carried: Carried | None = None,
     memories: Memories | None = None,
     blending: Blending = "mean",
+    plate: bytes | None = None,
 ) -> bytes:
     """Quantise, sort and code a GOP into the payload of its chunk.
 
@@ -92,13 +95,17 @@ def pack_gop(
         carried: How the Gaussians of the reference go on; None = key GOP.
         memories: Of planes of the same GOP at other steps, for a quick choice; None = the best.
         blending: How pictures are formed; sums have no opacities.
+        plate: As from `pack_plate`; None = the GOP stores none.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent;
-            a key GOP has carried Gaussians, or a predicted one none; modes and values disagree.
+            a key GOP has carried Gaussians, or a predicted one none or a plate; modes and values
+            disagree.
     """
     if bool(reference) != (carried is not None):
         raise ValueError("a predicted GOP has a reference and carried Gaussians, a key GOP neither")
+    if plate is not None and (reference or blending == "sum"):
+        raise ValueError("a plate in a predicted GOP or a sum")
     if not 1 <= len(pts) == len(durations):
         raise ValueError(f"{len(pts)} timestamps and {len(durations)} durations")
     order = strip_order(gop.position)
@@ -133,8 +140,9 @@ def pack_gop(
         dropped=dropped,
         changed=changed,
         moved=moved,
+        plate=plate is not None,
     )
-    return b"".join([head.to_bytes(), pack_timing(pts, durations), data])
+    return b"".join([head.to_bytes(), pack_timing(pts, durations), plate_bytes(plate), data])
 
 
 def unpack_gop(payload: bytes, header: Header | None, limits: Limits) -> GopContent:
@@ -151,12 +159,12 @@ def unpack_gop(payload: bytes, header: Header | None, limits: Limits) -> GopCont
         UnsupportedError: The payload uses a codec or attribute that this version does not know.
         LimitError: The GOP is over `limits`.
     """
-    head, pts, durations, entries, offset = _parse(payload, header, limits)
+    head, pts, durations, plate, entries, offset = _parse(payload, header, limits)
     shape = head.shape(header.blending if header else "mean")
     values = unpack_planes(entries, payload, offset, shape, limits)
     carried = None if head.is_key else _carried(values, head)
     return GopContent(
-        _gop(values, shape), head.first_frame, pts, durations, head.reference, carried
+        _gop(values, shape), head.first_frame, pts, durations, head.reference, carried, plate
     )
 
 
@@ -173,8 +181,8 @@ def plane_table(
 
 def _parse(
     payload: bytes, header: Header | None, limits: Limits
-) -> tuple[GopHead, Ticks, Ticks, tuple[PlaneEntry, ...], int]:
-    """Head, timestamps, durations, plane table, and the offset of the first plane."""
+) -> tuple[GopHead, Ticks, Ticks, bytes | None, tuple[PlaneEntry, ...], int]:
+    """Head, timestamps, durations, coded plate, plane table, and the offset of the first plane."""
     head = parse_gop_head(payload)
     if header is not None:
         head.check_maxima(header)
@@ -188,12 +196,15 @@ def _parse(
             f"the GOP's head says {head.last_pts} for {head.last_duration}",
             section="5.2",
         )
+    plate = None
+    if head.plate:
+        plate, offset = find_plate(payload, offset)
     planes = head.shape(header.blending if header else "mean").planes()
     entries, offset = parse_plane_table(payload, offset, head.planes, planes)
     has_images = any(entry.codec in IMAGE_CODECS for entry in entries)
     if header is not None and has_images and not header.image_codecs:
         raise CorruptError("PNG or JPEG XL in a file whose header has not their flag", section="4")
-    return head, pts, durations, entries, offset
+    return head, pts, durations, plate, entries, offset
 
 
 @spec_section("5.5")

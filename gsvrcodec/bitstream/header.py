@@ -13,8 +13,10 @@ from gsvrcodec.model.reconstruction import Blending
 VERSION_MAJOR = 1
 VERSION_MINOR = 0
 
-#: Must-understand flags that this version knows: none.
-KNOWN_REQUIRED_FLAGS = 0
+#: Must-understand flag: GOPs may hold plates.
+PLATES_FLAG = 1
+#: Must-understand flags that this version knows.
+KNOWN_REQUIRED_FLAGS = PLATES_FLAG
 #: Flag that may be ignored: planes coded as PNG or JPEG XL may occur.
 IMAGE_CODECS_FLAG = 1
 #: Flag that may be ignored: the file was written front to back, and may end without an index.
@@ -65,7 +67,7 @@ class Header:
     version_major: int = VERSION_MAJOR
     version_minor: int = VERSION_MINOR
     #: must-understand flags: a reader refuses a file with an unknown bit set
-    flags_required: int = KNOWN_REQUIRED_FLAGS
+    flags_required: int = 0
     flags_optional: int = 0  #: flags that a reader may ignore
     #: most Gaussians in a GOP, those carried over included; `UNKNOWN_MAXIMUM` = not known
     max_gaussians: int = 0
@@ -79,6 +81,11 @@ class Header:
     def version(self) -> str:
         """Bitstream version as text, major.minor."""
         return f"{self.version_major}.{self.version_minor}"
+
+    @property
+    def plates(self) -> bool:
+        """Whether GOPs may hold plates."""
+        return bool(self.flags_required & PLATES_FLAG)
 
     @property
     def image_codecs(self) -> bool:
@@ -253,6 +260,8 @@ def _problem(header: Header) -> str | None:
         return f"rotation {header.rotation}, expected 0, 90, 180 or 270"
     if not 1 <= header.bit_depth <= 16:
         return f"bit depth {header.bit_depth}, expected 1 to 16"
+    if header.plates and header.blending == "sum":
+        return "plates in a file whose pictures are sums"
     if header.colour.chroma_location > 6:
         return f"chroma location {header.colour.chroma_location}, expected 0 to 6"
     return None

@@ -6,6 +6,7 @@ import struct
 from typing import NamedTuple
 
 from gsvrcodec.bitstream.gop_head import GopHead
+from gsvrcodec.bitstream.plate import find_plate
 from gsvrcodec.bitstream.varint import put_varint, take_varint
 from gsvrcodec.errors import CorruptError, spec_section
 
@@ -59,7 +60,7 @@ def plane_codecs(payload: bytes, head: GopHead) -> frozenset[int]:
     """Return the codec numbers in the plane table of a GOP's payload, which has this head.
 
     Raises:
-        CorruptError: Timing or plane table is cut short.
+        CorruptError: Timing, plate or plane table is cut short.
     """
     offset, left = head.length, head.frames
     while left > 0:
@@ -67,5 +68,7 @@ def plane_codecs(payload: bytes, head: GopHead) -> frozenset[int]:
         _, offset = take_varint(payload, offset)
         _, offset = take_varint(payload, offset)
         left -= max(count, 1)
+    if head.plate:
+        _, offset = find_plate(payload, offset)
     entries, _ = take_entries(payload, offset, head.planes)
     return frozenset(entry.codec for entry in entries)

@@ -24,6 +24,7 @@ from gsvrcodec.bitstream.chunk import (
 from gsvrcodec.bitstream.gop_head import GopEntry, parse_gop_head
 from gsvrcodec.bitstream.header import (
     IMAGE_CODECS_FLAG,
+    PLATES_FLAG,
     STREAM_FLAG,
     UNKNOWN_GRID,
     UNKNOWN_MAXIMUM,
@@ -37,24 +38,25 @@ class GsvrWriter:
     """Writes the header, GOPs and auxiliary chunks of a file, and then the index.
 
     The writer keeps the maxima and counts of the header: it rewrites the header chunk, which has a
-    fixed size, when a GOP raises a maximum or is the first with planes of image codecs, and once
-    more in `close`. A stream is written front to back: maxima and counts are not known.
+    fixed size, when a GOP raises a maximum or is the first with a plate or planes of image codecs,
+    and once more in `close`. A stream is written front to back: maxima and counts are not known.
 
     Args:
         file: Empty and writable, and seekable if it is no stream; `close` leaves it open.
         header: Picture, colour and time base; the writer replaces maxima, counts and flags, but in
-            a stream the flag of image codecs has to be right.
+            a stream the flags of plates and of image codecs have to be right.
         stream: Write front to back, and each chunk at once.
     """
 
     def __init__(self, file: BinaryIO, header: Header, *, stream: bool = False) -> None:
         self._file = file
         self._stream = stream
-        flags = header.flags_optional
+        flags, required = header.flags_optional, header.flags_required
         flags = flags | STREAM_FLAG if stream else flags & ~(STREAM_FLAG | IMAGE_CODECS_FLAG)
         most = UNKNOWN_MAXIMUM if stream else 0
         self._header = replace(
             header,
+            flags_required=required if stream else required & ~PLATES_FLAG,
             flags_optional=flags,
             max_gaussians=most,
             max_gop_frames=most,
@@ -103,8 +105,8 @@ class GsvrWriter:
 
         Raises:
             ValueError: The head is invalid, does not follow the last GOP, or refers to a GOP that
-                was not added or has another number of Gaussians; a stream has planes of image
-                codecs, and its header has not their flag.
+                was not added or has another number of Gaussians; a stream has plates or planes of
+                image codecs, and its header has not their flag.
         """
         head = parse_gop_head(payload)
         head.check_follows(self._gops[-1] if self._gops else None)
@@ -120,13 +122,14 @@ class GsvrWriter:
         (gx, gy, gt), (most_x, most_y, most_t) = head.grid, self._header.max_grid
         raised = replace(
             self._header,
+            flags_required=self._header.flags_required | PLATES_FLAG * head.plate,
             flags_optional=self._header.flags_optional | IMAGE_CODECS_FLAG * image_codecs,
             max_gaussians=max(self._header.max_gaussians, head.gaussians),
             max_gop_frames=max(self._header.max_gop_frames, head.frames),
             max_grid=(max(most_x, gx), max(most_y, gy), max(most_t, gt)),
         )
         if self._stream and raised != self._header:
-            raise ValueError("planes of image codecs in a stream that has not their flag")
+            raise ValueError("plates or image codecs in a stream that has not their flag")
         self._rewrite_header(raised)
         entry = head.entry(ChunkEntry(GOP_TYPE, self._end, len(payload)))
         self._append(GOP_TYPE, payload)

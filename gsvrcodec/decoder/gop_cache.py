@@ -29,6 +29,8 @@ T = TypeVar("T")
 CACHED_BYTES = 64 * 2**20
 #: What a GOP takes besides its parameters.
 _OBJECTS_BYTES = 2**14
+#: Bytes of a pixel of a plate, as it is stored and as it is drawn over; and GOPs that share one.
+_PLATE_BYTES, _SHARED_BY = 3 + 16, 4
 #: GOPs kept however large they are: enough for a few threads that read at different positions.
 LEAST_CACHED_GOPS = 4
 
@@ -216,4 +218,7 @@ def _cached_gops(header: Header) -> int:
     grids = TRIPLANE_CHANNELS * (x * y + x * time + y * time)
     parameters = GAUSSIAN_PARAMETERS * header.max_gaussians + grids
     # One copy to render, and its original.
-    return max(LEAST_CACHED_GOPS, CACHED_BYTES // (_OBJECTS_BYTES + 2 * 4 * parameters))
+    each = _OBJECTS_BYTES + 2 * 4 * parameters
+    if header.plates:
+        each += _PLATE_BYTES * header.width * header.height // _SHARED_BY
+    return max(LEAST_CACHED_GOPS, CACHED_BYTES // each)

@@ -18,6 +18,7 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.layers import Layers, dynamic, select_layers
 from gsvrcodec.model.passage import Passage
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time, time_at
 from gsvrcodec.render import Backend, Codes, Prepared, as_tensor, empty_frames
@@ -75,14 +76,15 @@ class PictureMaker:
         self, gop: ReadyGop, inside: NDArray[np.int64], size: tuple[int, int], out: Codes
     ) -> None:
         """Render the frames `inside` (F,), counted from 0 in the GOP, to `out` (F, H, W, 3)."""
-        self._render(gop.prepared, normalised_time(gop.pts)[inside], size, out)
+        taus = normalised_time(gop.pts)[inside]
+        self._render(gop.prepared, taus, size, out, gop.whole.plate)
 
     def moments(
         self, gop: ReadyGop, ticks: Sequence[Fraction], size: tuple[int, int], out: Codes
     ) -> None:
         """Render a GOP at the times `ticks` (F,) to `out` (F, H, W, 3)."""
         taus = np.array([time_at(gop.pts, tick) for tick in ticks], np.float32)
-        self._render(gop.prepared, taus, size, out)
+        self._render(gop.prepared, taus, size, out, gop.whole.plate)
 
     def between(
         self,
@@ -150,15 +152,19 @@ class PictureMaker:
             if chosen is not None:
                 gop = select_gaussians(gop, chosen)
             prepared = self.backend.prepare(arranged(gop, self.coded_size))
-            self._render(prepared, np.zeros(1, np.float32), size, picture[None])
+            self._render(prepared, np.zeros(1, np.float32), size, picture[None], after.plate)
 
     def _render(
-        self, prepared: Prepared, taus: Float32Array, size: tuple[int, int], out: Codes
+        self,
+        prepared: Prepared,
+        taus: Float32Array,
+        size: tuple[int, int],
+        out: Codes,
+        plate: Plate | None,
     ) -> None:
-        """Render a GOP at times `taus` (F,) into `out` (F, H, W, 3)."""
-        self.backend.render(
-            prepared, taus, size, self.coded_size, bit_depth=self.bit_depth, out=out
-        )
+        """Render a GOP at times `taus` (F,) into `out` (F, H, W, 3); a plate is static."""
+        backend = self.backend.over(None if self.layers == "dynamic" else plate)
+        backend.render(prepared, taus, size, self.coded_size, bit_depth=self.bit_depth, out=out)
 
 
 def _fill(picture: Any, codes: Codes) -> None:

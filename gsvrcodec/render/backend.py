@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.reconstruction import Blending
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]  #: RGB samples
@@ -71,6 +73,21 @@ class Backend(ABC):
     #: whether a step takes less time if it leaves out some tiles of a frame
     skips_tiles: bool = False
     threads: int = 0  #: for what is computed on the CPU; 0 = GSVR_THREADS or all cores
+    plate: Plate | None = None  #: lies behind all that is drawn; None = nothing
+
+    def over(self, plate: Plate | None) -> Self:
+        """Return this backend with a plate behind all that it draws; None = with none."""
+        if plate is self.plate:
+            return self
+        other = copy.copy(self)
+        other.plate = plate
+        return other
+
+    def behind(self, size: Size, backdrop: Samples | None = None) -> Samples | None:
+        """Return a backdrop, which has the plate in it; None = that of the plate at a size."""
+        if backdrop is not None or self.plate is None:
+            return backdrop
+        return self.plate.held(size, (type(self), self.device), self.upload)
 
     @abstractmethod
     def prepare(self, gop: Gop) -> Prepared:
@@ -101,7 +118,7 @@ class Backend(ABC):
     def sums(self, prepared: Prepared, tau: float, size: Size, coded_size: Size) -> Float32Array:
         """Return what a frame is made of, (H, W, 4): sums of weighted colours, and of weights.
 
-        The ground has no part in them. Where pictures are sums, the last has no meaning.
+        The plate has a part in them, the ground has not. Where pictures are sums, the last has no meaning.
         """
 
     @abstractmethod
@@ -120,7 +137,8 @@ class Backend(ABC):
             tau: normalised time.
             weights: (H, W, 3); the picture is rendered at this size.
             coded_size: width and height that scales are relative to.
-            backdrop: (H, W, 4) float32 from `upload`, added to the sums; None = nothing.
+            backdrop: (H, W, 4) float32 from `upload`, added to the sums, which has the plate in it;
+                None = the plate.
         """
 
     @abstractmethod
@@ -142,7 +160,8 @@ class Backend(ABC):
             tau: normalised time.
             target: (H, W, 3) uint8 from `upload`; the frame is rendered at this size.
             coded_size: width and height that scales are relative to.
-            backdrop: (H, W, 4) float32 from `upload`, added to the sums; None = nothing.
+            backdrop: (H, W, 4) float32 from `upload`, added to the sums, which has the plate in it;
+                None = the plate.
             weights: factors of the squared error of each `TILE`, (tiles down, tiles across); None
                 = 1. Only where the backend `skips_tiles`.
         """

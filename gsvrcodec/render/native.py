@@ -56,18 +56,18 @@ class NativeBackend(Backend):
             out = np.empty(shape, np.uint8) if bit_depth == 8 else np.empty(shape, np.uint16)
         elif out.shape != shape or out.dtype != dtype:
             raise ValueError(f"out must be a {dtype} array of shape {shape}")
-        planes = out.transpose(0, 3, 1, 2)
+        planes, behind = out.transpose(0, 3, 1, 2), self.behind(size)
         if bit_depth == 8 and planes.flags.c_contiguous:
-            _core.render_planes8(prepared, taus, planes, *coded_size, *self._how)
+            _core.render_planes8(prepared, taus, planes, *coded_size, *self._how, behind)
             return out
         if not out.flags.c_contiguous:
             raise ValueError("out must be C-contiguous, or its channels planes of one array")
         if bit_depth == 8:
-            _core.render_rgb8(prepared, taus, out, *coded_size, *self._how)
+            _core.render_rgb8(prepared, taus, out, *coded_size, *self._how, behind)
             return out
         values = np.empty((1, *shape[1:]), np.float32)
         for frame, tau in zip(out, taus[:, None], strict=True):
-            _core.render_float(prepared, tau, values, *coded_size, *self._how)
+            _core.render_float(prepared, tau, values, *coded_size, *self._how, behind)
             frame[:] = np.clip(values[0], 0, 1) * (2**bit_depth - 1) + 0.5
         return out
 
@@ -78,7 +78,7 @@ class NativeBackend(Backend):
         width, height = size
         out = np.empty((1, height, width, 3), np.float32)
         taus = np.array([tau], np.float32)
-        _core.render_float(prepared, taus, out, *coded_size, *self._how)
+        _core.render_float(prepared, taus, out, *coded_size, *self._how, self.behind(size))
         picture: Float32Array = out[0]
         return picture
 
@@ -89,7 +89,7 @@ class NativeBackend(Backend):
         width, height = size
         out = np.empty((1, height, width, 4), np.float32)
         taus = np.array([tau], np.float32)
-        _core.render_sums(prepared, taus, out, *coded_size, *self._how)
+        _core.render_sums(prepared, taus, out, *coded_size, *self._how, self.behind(size))
         sums: Float32Array = out[0]
         return sums
 
@@ -105,7 +105,7 @@ class NativeBackend(Backend):
         gradient = Gop(**{name: np.empty_like(getattr(gop, name)) for name in Gop.__slots__})
         mean, threads = self._how
         core = parameters_of(gop), tau, weights, *coded_size, mean, parameters_of(gradient), threads
-        _core.backward_float(*core, backdrop)
+        _core.backward_float(*core, self.behind(weights.shape[1::-1], backdrop))
         return gradient
 
     def squared_error(
@@ -128,7 +128,7 @@ class NativeBackend(Backend):
             mean,
             _core.Parameters(*gradients),
             threads,
-            backdrop,
+            self.behind(target.shape[1::-1], backdrop),
             weights,
         )
         return error, gradients

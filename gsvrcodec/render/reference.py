@@ -206,7 +206,7 @@ class ReferenceBackend(Backend):
         frames = [
             (picture.clamp(0, 1) * white + 0.5).floor()
             for tau in taus
-            for picture in [render(prepared, float(tau), size, coded_size, self.blending)]
+            for picture in [self._rendered(prepared, float(tau), size, coded_size)]
         ]
         values: NDArray[np.float64] = torch.stack(frames).numpy()
         codes = values.astype(np.uint8) if bit_depth == 8 else values.astype(np.uint16)
@@ -219,15 +219,29 @@ class ReferenceBackend(Backend):
         self, prepared: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
     ) -> Float32Array:
         """Render one frame, (H, W, 3), neither clamped nor rounded."""
-        picture = render(prepared, tau, size, coded_size, self.blending)
-        samples: Float32Array = picture.float().numpy()
+        samples: Float32Array = self._rendered(prepared, tau, size, coded_size).float().numpy()
         return samples
+
+    def _rendered(
+        self, parameters: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
+    ) -> Tensor:
+        return render(parameters, tau, size, coded_size, self.blending, self._behind(size))
+
+    def _behind(self, size: Size, backdrop: Samples | None = None) -> Tensor | None:
+        """What lies behind a frame, (H, W, 4)."""
+        found = self.behind(size, backdrop)
+        return None if found is None else torch.from_numpy(found)
 
     def sums(
         self, prepared: Mapping[str, Tensor], tau: float, size: Size, coded_size: Size
     ) -> Float32Array:
         """Return the sums that a frame is made of, (H, W, 4)."""
-        sums = render_sums(prepared, tau, size, coded_size, self.blending)
+        sums, behind = (
+            render_sums(prepared, tau, size, coded_size, self.blending),
+            self._behind(size),
+        )
+        if behind is not None:
+            sums = sums + behind
         samples: Float32Array = sums.float().numpy()
         return samples
 
@@ -242,7 +256,7 @@ class ReferenceBackend(Backend):
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         size = weights.shape[1], weights.shape[0]
         leaves = _leaves(self.prepare(gop))
-        behind = None if backdrop is None else torch.from_numpy(backdrop)
+        behind = self._behind(size, backdrop)
         picture = render(leaves, tau, size, coded_size, self.blending, behind)
         total = (picture * torch.from_numpy(weights)).sum()
         gradients = _gradients(total, leaves)
@@ -260,7 +274,7 @@ class ReferenceBackend(Backend):
         """Return the mean squared error of one clamped frame and its gradients."""
         leaves = _leaves(parameters)
         size = target.shape[1], target.shape[0]
-        behind = None if backdrop is None else torch.from_numpy(backdrop)
+        behind = self._behind(size, backdrop)
         picture = render(leaves, tau, size, coded_size, self.blending, behind)
         shown = picture + (picture.clamp(0, 1) - picture).detach()
         squares = (shown - torch.from_numpy(target) / 255).square()

@@ -10,6 +10,12 @@
 namespace gsvr {
 namespace {
 
+// What a frame is drawn over: a picture that is as that of static splats.
+StaticPyramid drawn(const Backdrop *backdrop, const GopArrays &gop) {
+    if (!backdrop) return {};
+    return {backdrop->picture(), 1, blocks(gop), 0};
+}
+
 // How the samples of a picture lie in memory: in planes, of which each has so many for a pixel.
 struct Layout {
     int planes, channels;
@@ -27,20 +33,21 @@ void copy_tile(const T *from, T *to, Size size, Layout layout, Tile tile) {
 }
 
 template <class T, class ToSamples>
-void render(const Scene &scene, const float *taus, int frames, int threads, T *out, Layout layout,
-            ToSamples Kernels::*convert) {
+void render(const Scene &scene, const float *taus, int frames, int threads,
+            const Backdrop *backdrop, T *out, Layout layout, ToSamples Kernels::*convert) {
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, true);
     const ToSamples to_samples = call.kernels.*convert;
     const std::size_t samples = static_cast<std::size_t>(layout.planes) * layout.channels *
                                 call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
-    StaticPyramid static_pyramid{};
-    if (frames > 1 && call.separate_static)
-        static_pyramid = FrameRenderer(call, taus[0], threads, *common).draw_static_pyramid();
+    StaticPyramid static_pyramid = drawn(backdrop, scene.gop);
     // A cell without dynamic splats is the same in all frames: the first that needs it draws it,
     // and others copy it. By cell of level 0, the number of a frame that has it, from 1; 0 = none.
-    const bool copies = static_pyramid.pictures;
+    const bool copies = frames > 1 && call.separate_static;
+    if (copies)
+        static_pyramid =
+            FrameRenderer(call, taus[0], threads, *common, static_pyramid).draw_static_pyramid();
     std::vector<std::atomic<int>> drawn_in(copies ? Cells::count(call, 1) : 0);
     const auto reserve_cells = [&](Workspace &space) {
         if (!copies) return;
@@ -88,21 +95,23 @@ void render(const Scene &scene, const float *taus, int frames, int threads, T *o
 }  // namespace
 
 void render_rgb8(const Scene &scene, const float *taus, int frames, int threads,
-                 std::uint8_t *out) {
-    render(scene, taus, frames, threads, out, {1, 3}, &Kernels::to_rgb8);
+                 const Backdrop *backdrop, std::uint8_t *out) {
+    render(scene, taus, frames, threads, backdrop, out, {1, 3}, &Kernels::to_rgb8);
 }
 
 void render_planes8(const Scene &scene, const float *taus, int frames, int threads,
-                    std::uint8_t *out) {
-    render(scene, taus, frames, threads, out, {3, 1}, &Kernels::to_planes8);
+                    const Backdrop *backdrop, std::uint8_t *out) {
+    render(scene, taus, frames, threads, backdrop, out, {3, 1}, &Kernels::to_planes8);
 }
 
-void render_float(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    render(scene, taus, frames, threads, out, {1, 3}, &Kernels::to_float);
+void render_float(const Scene &scene, const float *taus, int frames, int threads,
+                  const Backdrop *backdrop, float *out) {
+    render(scene, taus, frames, threads, backdrop, out, {1, 3}, &Kernels::to_float);
 }
 
-void render_sums(const Scene &scene, const float *taus, int frames, int threads, float *out) {
-    render(scene, taus, frames, threads, out, {1, kSums}, &Kernels::to_sums);
+void render_sums(const Scene &scene, const float *taus, int frames, int threads,
+                 const Backdrop *backdrop, float *out) {
+    render(scene, taus, frames, threads, backdrop, out, {1, kSums}, &Kernels::to_sums);
 }
 
 void pixel_errors(const float *sums, const std::uint8_t *target, std::size_t pixels, float *out) {
@@ -137,16 +146,6 @@ Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels()
             for (int c = 0; c < kSums; ++c) p[c * rows * kStripWidth] = sums[c];
         }
 }
-
-namespace {
-
-// What a frame is drawn over: a picture that is as that of static splats.
-StaticPyramid drawn(const Backdrop *backdrop, const GopArrays &gop) {
-    if (!backdrop) return {};
-    return {backdrop->picture(), 1, blocks(gop), 0};
-}
-
-}  // namespace
 
 void backward_float(const Scene &scene, float tau, int threads, const float *weights,
                     const Backdrop *backdrop, const GopArrays &gradient) {

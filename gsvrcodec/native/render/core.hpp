@@ -37,14 +37,19 @@ struct Scene {
     bool mean;
 };
 
-// Render a GOP at the `frames` times of `taus`; `out` is (frames, height, width, 3).
-void render_rgb8(const Scene &, const float *taus, int frames, int threads, std::uint8_t *out);
+// Render a GOP at the `frames` times of `taus`, in front of a backdrop, which may be null; `out` is
+// (frames, height, width, 3).
+void render_rgb8(const Scene &, const float *taus, int frames, int threads,
+                 const Backdrop *backdrop, std::uint8_t *out);
 // The same, but `out` is (frames, 3, height, width).
-void render_planes8(const Scene &, const float *taus, int frames, int threads, std::uint8_t *out);
-void render_float(const Scene &, const float *taus, int frames, int threads, float *out);
+void render_planes8(const Scene &, const float *taus, int frames, int threads,
+                    const Backdrop *backdrop, std::uint8_t *out);
+void render_float(const Scene &, const float *taus, int frames, int threads,
+                  const Backdrop *backdrop, float *out);
 // The same, but `out` is (frames, height, width, 4): the sums of the weighted colours, and of the
 // weights, which the ground has no part in.
-void render_sums(const Scene &, const float *taus, int frames, int threads, float *out);
+void render_sums(const Scene &, const float *taus, int frames, int threads,
+                 const Backdrop *backdrop, float *out);
 
 // Writes the squared error of each pixel of a mean, clamped, in 8-bit codes, summed over the
 // colours. `sums` is (pixels, 4), `target` (pixels, 3), `out` (pixels).

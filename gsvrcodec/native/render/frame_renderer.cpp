@@ -151,7 +151,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
     });
     for (int layer = 0; layer < kLayers; ++layer) {
         const BlockBox *boxes = space.boxes.get() + static_cast<std::size_t>(layer) * blocks(gop);
-        int begin = 0, end = static_pyramid.pictures && layer >= kLevels ? 0 : count;
+        int begin = 0, end = static_pyramid.levels == kLevels && layer >= kLevels ? 0 : count;
         while (begin < end && boxes[begin].empty()) ++begin;
         while (begin < end && boxes[end - 1].empty()) --end;
         const int level = layer % kLevels;
@@ -265,17 +265,18 @@ void FrameRenderer::set_static_tile(int level, Tile tile, const Pixels &pixels) 
         const Pixels drawn = static_picture(level);
         for (int strip = begin; strip < end; ++strip)
             std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
-        return;
+    } else {
+        for (int strip = begin; strip < end; ++strip)
+            std::memset(strip_of(pixels, strip), 0, bytes);
     }
-    for (int strip = begin; strip < end; ++strip) std::memset(strip_of(pixels, strip), 0, bytes);
     call_.kernels.rasterise(layers_[kLevels + level], tile, pixels);
 }
 
 void FrameRenderer::rasterise_tile(int level, Tile tile, const Pixels &pixels) const {
-    // Upsampling adds the static splats as it writes the tile, and there may be none.
-    const bool drawn = level < static_pyramid_.levels, upsampled = level < coarsest_;
-    const bool any = drawn || !layers_[kLevels + level].empty();
-    if (!upsampled || (any && !drawn)) set_static_tile(level, tile, pixels);
+    // Upsampling adds what is static as it writes the tile, and there may be nothing.
+    const bool splats = !layers_[kLevels + level].empty(), upsampled = level < coarsest_;
+    const bool any = splats || level < static_pyramid_.levels, drawn = any && !splats;
+    if (!upsampled || splats) set_static_tile(level, tile, pixels);
     if (upsampled) {
         const Size coarser = call_.levels[level + 1].size;
         const Pixels base = drawn ? static_picture(level) : pixels;

@@ -42,8 +42,8 @@ struct RenderCall {
 
 // The static splats of a GOP, rasterised once for all frames: one picture for each pyramid level.
 struct StaticPyramid {
-    const float *pictures;  // of some levels, finest first; null: static splats are drawn per frame
-    int levels;             // that have pictures
+    const float *pictures;  // of some levels, finest first; null: there are none
+    int levels;             // that have pictures; all of them: those of all static splats
     int dynamic_blocks;     // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
     int coarsest;           // the coarsest level with static splats; 0 without pictures
 };

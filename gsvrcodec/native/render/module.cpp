@@ -22,47 +22,60 @@ using Times = nb::ndarray<const float, nb::shape<-1>, nb::c_contig, nb::device::
 template <class T>
 using Pictures = nb::ndarray<T, nb::shape<-1, -1, -1, 4>, nb::c_contig, nb::device::cpu>;
 
-using Render = void (*)(const gsvr::Scene &, const float *, int, int, float *);
-using RenderCodes = void (*)(const gsvr::Scene &, const float *, int, int, std::uint8_t *);
+using Render = void (*)(const gsvr::Scene &, const float *, int, int, const gsvr::Backdrop *,
+                        float *);
+using RenderCodes = void (*)(const gsvr::Scene &, const float *, int, int, const gsvr::Backdrop *,
+                             std::uint8_t *);
+
+// Checks that a backdrop fits the picture; null = none.
+void check(const gsvr::Backdrop *backdrop, gsvr::Size size) {
+    if (!backdrop) return;
+    require(backdrop->size().height == size.height && backdrop->size().width == size.width,
+            "the backdrop must have the size of the picture");
+    require(backdrop->lanes() == gsvr::kernels().lanes,
+            "the backdrop was made for another instruction set");
+}
 
 // Renders to `out`, whose axes of rows and columns are given.
 template <class Out, class Function>
 void render(Function function, const Parameters &parameters, Times taus, Out out, int rows,
             int columns, std::int64_t coded_width, std::int64_t coded_height, bool mean,
-            int threads) {
+            int threads, const gsvr::Backdrop *backdrop) {
     require(out.shape(0) == taus.shape(0), "out must hold one frame for each tau");
     require(out.shape(0) < (1u << 30), "too many frames");
     const gsvr::Scene scene{parameters.arrays, checked(out.shape(columns), out.shape(rows)),
                             checked(coded_width, coded_height), mean};
+    check(backdrop, scene.size);
     threads = gsvr::resolve_threads(threads);
     nb::gil_scoped_release release;
-    function(scene, taus.data(), static_cast<int>(taus.shape(0)), threads, out.data());
+    function(scene, taus.data(), static_cast<int>(taus.shape(0)), threads, backdrop, out.data());
 }
 
 void render_rgb8(const Parameters &parameters, Times taus, Images<std::uint8_t> out,
-                 int coded_width, int coded_height, bool mean, int threads) {
+                 int coded_width, int coded_height, bool mean, int threads,
+                 const gsvr::Backdrop *backdrop) {
     render<Images<std::uint8_t>, RenderCodes>(gsvr::render_rgb8, parameters, taus, out, 1, 2,
-                                              coded_width, coded_height, mean, threads);
+                                              coded_width, coded_height, mean, threads, backdrop);
 }
 
 using Planes = nb::ndarray<std::uint8_t, nb::shape<-1, 3, -1, -1>, nb::c_contig, nb::device::cpu>;
 
 void render_planes8(const Parameters &parameters, Times taus, Planes out, int coded_width,
-                    int coded_height, bool mean, int threads) {
+                    int coded_height, bool mean, int threads, const gsvr::Backdrop *backdrop) {
     render<Planes, RenderCodes>(gsvr::render_planes8, parameters, taus, out, 2, 3, coded_width,
-                                coded_height, mean, threads);
+                                coded_height, mean, threads, backdrop);
 }
 
 void render_float(const Parameters &parameters, Times taus, Images<float> out, int coded_width,
-                  int coded_height, bool mean, int threads) {
+                  int coded_height, bool mean, int threads, const gsvr::Backdrop *backdrop) {
     render<Images<float>, Render>(gsvr::render_float, parameters, taus, out, 1, 2, coded_width,
-                                  coded_height, mean, threads);
+                                  coded_height, mean, threads, backdrop);
 }
 
 void render_sums(const Parameters &parameters, Times taus, Pictures<float> out, int coded_width,
-                 int coded_height, bool mean, int threads) {
+                 int coded_height, bool mean, int threads, const gsvr::Backdrop *backdrop) {
     render<Pictures<float>, Render>(gsvr::render_sums, parameters, taus, out, 1, 2, coded_width,
-                                    coded_height, mean, threads);
+                                    coded_height, mean, threads, backdrop);
 }
 
 using Sums = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
@@ -94,15 +107,6 @@ void init_backdrop(gsvr::Backdrop *self, Sums sums) {
     const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
     nb::gil_scoped_release release;
     new (self) gsvr::Backdrop(sums.data(), size);
-}
-
-// Checks that a backdrop fits the picture; null = none.
-void check(const gsvr::Backdrop *backdrop, gsvr::Size size) {
-    if (!backdrop) return;
-    require(backdrop->size().height == size.height && backdrop->size().width == size.width,
-            "the backdrop must have the size of the picture");
-    require(backdrop->lanes() == gsvr::kernels().lanes,
-            "the backdrop was made for another instruction set");
 }
 
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
@@ -236,13 +240,14 @@ NB_MODULE(_core, m) {
              exact("xy"), exact("xt"), exact("yt"));
     nb::class_<gsvr::Backdrop>(m, "Backdrop").def("__init__", &init_backdrop, "sums"_a);
     m.def("render_rgb8", &render_rgb8, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
-          "coded_height"_a, "mean"_a, "threads"_a);
+          "coded_height"_a, "mean"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("render_planes8", &render_planes8, "parameters"_a, "taus"_a, exact("out"),
-          "coded_width"_a, "coded_height"_a, "mean"_a, "threads"_a);
+          "coded_width"_a, "coded_height"_a, "mean"_a, "threads"_a,
+          "backdrop"_a.none() = nb::none());
     m.def("render_float", &render_float, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
-          "coded_height"_a, "mean"_a, "threads"_a);
+          "coded_height"_a, "mean"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("render_sums", &render_sums, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
-          "coded_height"_a, "mean"_a, "threads"_a);
+          "coded_height"_a, "mean"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("backward_float", &backward_float, "parameters"_a, "tau"_a, "weights"_a, "coded_width"_a,
           "coded_height"_a, "mean"_a, "gradient"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("pixel_errors", &pixel_errors, "sums"_a, "target"_a, "out"_a);

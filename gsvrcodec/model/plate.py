@@ -1,0 +1,75 @@
+"""Plate: a still picture behind the Gaussians of a chain (spec sections "Plate", "Rendering")."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.model.gop import Float32Array
+
+#: What each pixel of a plate weighs; a Gaussian of opacity 1 weighs about as much in its centre.
+PLATE_WEIGHT = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plate:
+    """A still picture; lies behind all Gaussians."""
+
+    ycc: NDArray[np.uint8]  #: (3, H, W) Y, Cb, Cr of full range, at the coded size
+    _held: dict[Hashable, tuple[tuple[int, int], Any]] = field(default_factory=dict, repr=False)
+
+    @property
+    def colours(self) -> Float32Array:
+        """Red, green and blue, (H, W, 3); 1 is white."""
+        middle = np.array([0, 128, 128], np.float32)[:, None, None]
+        y, cb, cr = self.ycc.astype(np.float32) - middle
+        red, blue = y + np.float32(1.402) * cr, y + np.float32(1.772) * cb
+        green = y - np.float32(0.344136) * cb - np.float32(0.714136) * cr
+        return np.stack([red, green, blue], axis=-1) / np.float32(255)
+
+    def sums(self, size: tuple[int, int]) -> Float32Array:
+        """Return what the plate adds to the sums of a frame: (H, W, 4), weighted colours, weights.
+
+        Args:
+            size: Width and height of the frame, pixels.
+        """
+        width, height = size
+        rows = _resampled(self.colours, height)
+        out = np.full((height, width, 4), PLATE_WEIGHT, np.float32)
+        out[..., :3] *= _resampled(rows.swapaxes(0, 1), width).swapaxes(0, 1)
+        return out
+
+    def held(self, size: tuple[int, int], place: Hashable, hold: Callable[[Float32Array], Any]) -> Any:
+        """Return the sums of a frame as a backend holds them; those of the last size are kept.
+
+        Args:
+            size: Width and height of the frame, pixels.
+            place: Where the backend has them.
+            hold: Brings them there.
+        """
+        last = self._held.get(place)
+        if last is None or last[0] != size:
+            last = self._held[place] = size, hold(self.sums(size))
+        return last[1]
+
+
+def _resampled(samples: Float32Array, count: int) -> Float32Array:
+    """Resample the first axis of (N, ...) to `count`, by a triangle as wide as 1 or N / count."""
+    coded = len(samples)
+    if count == coded:
+        return samples
+    reach = max(1.0, coded / count)
+    at = (np.arange(count) + 0.5) * coded / count - 0.5
+    first = np.floor(at - reach).astype(np.intp) + 1
+    out = np.zeros((count, *samples.shape[1:]), np.float32)
+    numbers = first[:, None] + np.arange(int(np.ceil(2 * reach)))
+    weights = np.maximum(1 - np.abs(numbers - at[:, None]) / reach, 0)
+    weights[(numbers < 0) | (numbers >= coded)] = 0
+    weights /= weights.sum(axis=1, keepdims=True)
+    for number, weight in zip(numbers.T, weights.T.astype(np.float32), strict=True):
+        out += weight[:, None, None] * samples[np.clip(number, 0, coded - 1)]
+    return out
