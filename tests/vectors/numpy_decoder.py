@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import struct
@@ -23,6 +24,7 @@ Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Values = dict[str, npt.NDArray[Any]]
 
+PLATES = 1  # a flag of the header that must be understood
 IMAGE_CODECS, STREAM = 1, 2  # flags of the header that may be ignored
 DROPPED = 4  # a mode of section 5.5
 LIMIT_PIXELS, LIMIT_GAUSSIANS, LIMIT_FRAMES = 2**28, 2**24, 2**16  # section 12
@@ -112,6 +114,7 @@ class Header(NamedTuple):
     height: int
     most: tuple[float, ...]  # Gaussians, frames, Gx, Gy, Gt of a GOP; infinite = not known
     mean: bool  # pictures are weighted means, not sums
+    plates: bool  # GOPs may hold plates
 
 
 def read_header(data: bytes) -> tuple[Header, int]:
@@ -129,8 +132,9 @@ def read_header(data: bytes) -> tuple[Header, int]:
     require(len(payload) == 71 or (minor and len(payload) > 71), "The header has a wrong length.")
     must, may = reader.unpack("2I")
     blending = payload[70]
-    if must or blending > 1:
+    if must & ~PLATES or blending > 1:
         raise Unsupported(f"The header has unknown flags {must:#x} or blending {blending}.")
+    require(blending or not must, "A file of sums has the flag of plates.")
     width, height, *aspect = reader.unpack("4I")
     rotation, depth, *colour = reader.unpack("H6B")
     time_base, maxima = reader.unpack("2I"), reader.unpack("2I3H")
@@ -143,7 +147,8 @@ def read_header(data: bytes) -> tuple[Header, int]:
     most = tuple(math.inf if a == b else a for a, b in zip(maxima, unknown, strict=True))
     limit(maxima[0] if most[0] < math.inf else 0, LIMIT_GAUSSIANS, "Gaussians in a GOP")
     limit(maxima[1] if most[1] < math.inf else 0, LIMIT_FRAMES, "Frames in a GOP")
-    return Header(minor, may, width, height, most, blending == 1), 28 + len(payload)
+    mean, plates = blending == 1, must == PLATES
+    return Header(minor, may, width, height, most, mean, plates), 28 + len(payload)
 
 
 class GopChunk(NamedTuple):
@@ -302,7 +307,9 @@ class Gop:
     reference_gaussians: int
     pts: list[int]  # of each frame, ticks
     durations: list[int]  # of each frame, ticks; 0 = not known
-    values: Values  # of each attribute in the plane table: [n, components], [rows, columns, 6 or 8]
+    # Of each attribute in the plane table: [n, components], [rows, columns, 6 or 8]. And "plate",
+    # if the GOP stores one: Y, Cb and Cr, [Hc, Wc, 3].
+    values: Values
     modes: npt.NDArray[np.uint8]  # of each Gaussian of the reference
 
     def tau(self, time: Fraction) -> float:
@@ -315,10 +322,11 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     """Decode a GOP in the order of section 11, but for its reference."""
     reader = Reader(payload)
     require(reader.unpack("Q2I2qQI") == chunk[2:], "The summary is not that of the index.")
-    length, plane_count, *grid, reserved = reader.unpack("6H")
+    length, plane_count, *grid, plate = reader.unpack("6H")
     source, dropped, changed, moved = reader.unpack("4I")
     require(length == 72 or (header.minor and length > 72), f"The head has {length} bytes.")
-    require(not reserved and any(grid) == all(grid), "A wrong tri-plane or reserved field.")
+    require(any(grid) == all(grid), "The tri-plane has sides that are zero.")
+    require(plate <= (header.plates and not chunk.reference), "The field of the plate is wrong.")
     carried = source - dropped
     fit = (source == 0 or chunk.reference) and max(changed, moved) <= carried <= chunk.gaussians
     require(fit, "The counts of Gaussians do not fit together.")
@@ -329,6 +337,7 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     limit(chunk.frames, LIMIT_FRAMES, "Frames in a GOP")
     reader.take(length - 72)
     pts, durations = read_timing(reader, chunk)
+    stored = {"plate": read_plate(reader, header)} if plate else {}
     counts = {"new": chunk.gaussians - carried, "reference": source}
     counts |= {"changed": changed, "moved": moved}
     entries = [read_entry(reader) for _ in range(plane_count)]
@@ -355,7 +364,7 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     require(found == [dropped, changed, moved], "The modes have other counts than the head says.")
     if source:
         values["mode"] = modes
-    return Gop(chunk, source, pts, durations, values, modes)
+    return Gop(chunk, source, pts, durations, values | stored, modes)
 
 
 def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
@@ -371,6 +380,28 @@ def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
     same = (pts[-1], durations[-1]) == (chunk.last_pts, chunk.last_duration)
     require(same and time < 2**63, "The timing does not end as the head says.")
     return pts, durations
+
+
+def read_plate(reader: Reader, header: Header) -> npt.NDArray[np.uint8]:
+    """Read Y, Cb and Cr of the plate of section 5.7, [Hc, Wc, 3]."""
+    import av
+
+    data = io.BytesIO(reader.take(reader.unpack("I")[0]))
+    most = {"max_pixels": str(header.width * header.height)}
+    try:
+        # The name of the format keeps others away; the options are for what finds the streams.
+        with av.open(data, "r", format="mov", options=most) as container:
+            stream = container.streams.video[0]
+            require(stream.codec_context.codec.canonical_name == "av1", "It is not AV1.")
+            stream.codec_context.options = most
+            frame = next(container.decode(stream))
+        sides = (frame.width, frame.height)
+        require(sides == (header.width, header.height), f"It has {sides} pixels.")
+        good = frame.format.name in ("yuv444p", "yuvj444p") and frame.color_range == 2
+        require(good, f"It is {frame.format.name} of range {frame.color_range}.")
+        return np.moveaxis(frame.to_ndarray().astype(np.uint8), 0, -1)
+    except Exception as fault:  # of many kinds
+        raise Corrupt(f"The plate is not as it must be: {fault}") from fault
 
 
 def read_entry(reader: Reader) -> Entry:
@@ -834,7 +865,29 @@ def mix_looks(a: Values, b: Values, kept: npt.NDArray[np.bool_], w: float) -> Va
     return standing(mixed)
 
 
-def render(gaussians: Values, grids: Values, tau: float, sides: tuple[int, ...]) -> Doubles:
+def plate_weights(size: int, coded: int) -> Doubles:
+    """Return how much each coded column (or row) of a plate weighs in each drawn one."""
+    at = (np.arange(size) + 0.5) * coded / size
+    apart = abs(np.arange(coded) + 0.5 - at[:, None])
+    weights = np.maximum(1 - apart / max(1, coded / size), 0)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def draw_plate(plate: npt.NDArray[np.uint8], width: int, height: int) -> Doubles:
+    """Return the colours of a plate (section 5.7) in a picture of a size (section 8.5)."""
+    y, cb, cr = np.moveaxis(plate - np.array([0.0, 128, 128]), -1, 0)
+    rgb = np.stack([y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb]) / 255
+    rows, columns = plate_weights(height, len(plate)), plate_weights(width, plate.shape[1])
+    return np.moveaxis(rows @ rgb @ columns.T, 0, -1)
+
+
+def render(
+    gaussians: Values,
+    grids: Values,
+    tau: float,
+    sides: tuple[int, ...],
+    plate: npt.NDArray[np.uint8] | None,
+) -> Doubles:
     """Return the picture of section 8.5, [height, width, 3]; sides are Wc, Hc, W, H."""
     width, height = sides[2:]
     zx, zy = width / sides[0], height / sides[1]
@@ -868,6 +921,9 @@ def render(gaussians: Values, grids: Values, tau: float, sides: tuple[int, ...])
     image = pictures[4]
     for picture in pictures[3::-1]:
         image = picture + magnify(image)[: picture.shape[0], : picture.shape[1]]
+    if plate is not None:
+        image[:, :, :3] += draw_plate(plate, width, height)
+        image[:, :, 3] += 1
     divisor = 1 / 1024 + image[:, :, 3:] if "log_opacity" in gaussians else 1
     return image[:, :, :3] / divisor
 
@@ -959,23 +1015,28 @@ class Film:
                 self._gaussians[i] = {name: v.astype(np.float32) for name, v in own.items()}
         return self._gaussians[index]
 
+    def plate(self, index: int) -> npt.NDArray[np.uint8] | None:
+        """Return the plate of a GOP, which is that of the key GOP of its chain."""
+        return self._gops[self._chain(index)[0]].values.get("plate")
+
     def picture(self, time: Fraction, width: int, height: int) -> Doubles:
         """Render a picture at a time in ticks."""
         sides = (self.header.width, self.header.height, width, height)
         index = bisect_right([chunk.first_pts for chunk in self.chunks], time) - 1
         require(index >= 0, f"The time {time} is before the first frame.")
-        here, gop = self.gaussians(index), self._gops[index]
+        here, gop, plate = self.gaussians(index), self._gops[index], self.plate(index)
         end = Fraction(gop.pts[-1])
         if time <= end or index + 1 == len(self.chunks):
-            return render(here, gop.values, gop.tau(min(time, end)), sides)
+            return render(here, gop.values, gop.tau(min(time, end)), sides, plate)
         there, after = self.gaussians(index + 1), self._gops[index + 1]
         w = float((time - end) / (after.pts[0] - end))
         if self._references[index + 1] == index:
             looks = end_look(here, gop, 1), end_look(there, after, -1)
-            return render(mix_looks(*looks, after.modes != DROPPED, w), {}, 0.0, sides)
+            return render(mix_looks(*looks, after.modes != DROPPED, w), {}, 0.0, sides, plate)
         # The file does not tell where its cuts are; both frames are taken for one shot.
-        old = render(here, gop.values, gop.tau(end), sides)
-        new = render(there, after.values, after.tau(Fraction(after.pts[0])), sides)
+        old = render(here, gop.values, gop.tau(end), sides, plate)
+        start = after.tau(Fraction(after.pts[0]))
+        new = render(there, after.values, start, sides, self.plate(index + 1))
         return (1 - w) * old + w * new
 
 

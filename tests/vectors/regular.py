@@ -60,16 +60,29 @@ def irregular(reader: GsvrReader, picture: Picture) -> Iterator[str]:
         yield "a sum of weights"
 
 
-def regular_samples(gop: Gop, tau: float, size: Size, coded_size: Size) -> NDArray[np.bool_]:
+def regular_samples(
+    gop: Gop,
+    tau: float,
+    size: Size,
+    coded_size: Size,
+    plate: NDArray[np.float64] | None = None,
+) -> NDArray[np.bool_]:
     """Return which samples of a mean, (H, W, 3), decoders agree in."""
     most = min(_SENSITIVITY, _SIDE / max(*size, *coded_size))
-    return sensitivity(gop, tau, size, coded_size) <= most
+    return sensitivity(gop, tau, size, coded_size, plate) <= most
 
 
-def sensitivity(gop: Gop, tau: float, size: Size, coded_size: Size) -> NDArray[np.float64]:
+def sensitivity(
+    gop: Gop,
+    tau: float,
+    size: Size,
+    coded_size: Size,
+    plate: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
     """Return the most that samples of a mean change, (H, W, 3), for a relative change of each e.
 
-    An upper bound: by the root of the mean square of the differences to the picture.
+    An upper bound: by the root of the mean square of the differences to the picture. A plate has
+    the colours (H, W, 3) with which it is drawn at the size of the picture.
     """
     splats = deform(ReferenceBackend().prepare(gop), tau, size, coded_size)
     share, colour = splats.factors[:, 3:], splats.factors[:, :3] / splats.factors[:, 3:]
@@ -85,8 +98,10 @@ def sensitivity(gop: Gop, tau: float, size: Size, coded_size: Size) -> NDArray[n
             counted = torch.where(e > _COUNTED, e, 0.0)
             sums[rows, columns, :4] += weight[:, :, None] * of_weight[n]
             sums[rows, columns, 4:] += counted[:, :, None] * of_e[n]
-    weight = sums[..., 3:4] + GROUND
-    picture = sums[..., :3] / weight
+    total, weight = sums[..., :3], sums[..., 3:4] + GROUND
+    if plate is not None:
+        total, weight = total + torch.from_numpy(plate), weight + 1
+    picture = total / weight
     counted, first, second = sums[..., 4:5], sums[..., 5:8], sums[..., 8:]
     spread = second - 2 * picture * first + picture**2 * counted
     found: NDArray[np.float64] = ((counted * spread.clamp(min=0)).sqrt() / weight).numpy()
