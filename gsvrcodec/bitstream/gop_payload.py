@@ -170,13 +170,13 @@ def unpack_gop(payload: bytes, header: Header | None, limits: Limits) -> GopCont
 
 def plane_table(
     payload: bytes, header: Header, limits: Limits
-) -> tuple[tuple[PlaneEntry, ...], int]:
-    """The plane table of a GOP chunk's payload, and the offset of the first plane.
+) -> tuple[tuple[PlaneEntry, ...], int, int]:
+    """The plane table of a GOP chunk's payload, the offset of the first plane, bytes of the plate.
 
-    No plane is decoded. Raises as `unpack_gop`.
+    Nothing is decoded. Raises as `unpack_gop`.
     """
-    *_, entries, offset = _parse(payload, header, limits)
-    return entries, offset
+    *_, plate, entries, offset = _parse(payload, header, limits)
+    return entries, offset, len(plate or b"")
 
 
 def _parse(

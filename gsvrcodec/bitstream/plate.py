@@ -55,12 +55,12 @@ def find_plate(payload: bytes, offset: int) -> tuple[bytes, int]:
 
 
 @spec_section("5.7")
-def unpack_plate(data: bytes, size: tuple[int, int]) -> Plate:
+def unpack_plate(data: bytes, size: tuple[int, int] | None = None) -> Plate:
     """Decode a plate.
 
     Args:
         data: As coded.
-        size: Width and height of the coded frame, pixels.
+        size: Width and height of the coded frame, pixels; None = whatever the picture has.
 
     Raises:
         CorruptError: It is not a picture of this size as plates have to be.
@@ -68,18 +68,16 @@ def unpack_plate(data: bytes, size: tuple[int, int]) -> Plate:
     import av
     import av.error
 
-    width, height = size
     try:
         with av.open(io.BytesIO(data), format="mov") as file:
             stream = file.streams.video[0]
-            stream.codec_context.options = {"max_pixels": str(width * height)}
+            if size is not None:
+                stream.codec_context.options = {"max_pixels": str(size[0] * size[1])}
             frame = next(file.decode(stream))
     except (av.error.FFmpegError, IndexError, StopIteration) as error:
         raise CorruptError("the plate is no AVIF picture that can be decoded") from error
-    if (frame.width, frame.height) != size:
-        raise CorruptError(
-            f"plate of {frame.width}x{frame.height} in a film of {width}x{height} pixels"
-        )
+    if size not in (None, (frame.width, frame.height)):
+        raise CorruptError(f"plate of {frame.width}x{frame.height} pixels in a film of others")
     if frame.format.name not in ("yuv444p", "yuvj444p") or frame.color_range != _FULL_RANGE:
         raise CorruptError(f"plate of {frame.format.name}, expected 4:4:4 of full range, 8 bits")
     ycc: NDArray[np.uint8] = frame.to_ndarray()

@@ -46,7 +46,7 @@ _GROUPS = {
     "Output": ("overwrite", "resume", "verify", "stats", "progress", "quiet"),
     "Model": (
         *("gop", "gop_min", "gop_max", "keyint", "profile"),
-        *("deform", "flow", "qat", "pack", "seed"),
+        *("deform", "flow", "plates", "qat", "pack", "seed"),
     ),
     "General": ("version", "help"),
 }
@@ -227,6 +227,11 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.Choice(get_args(Flow)),
     default=_DEFAULTS.flow,
     help="Optical flow for GOP lengths and initial motion; raft needs torchvision.",
+)
+@click.option(
+    "--plates/--no-plates",
+    default=_DEFAULTS.plates,
+    help="Store a still picture behind the Gaussians where that pays; with --crf alone.",
 )
 @click.option(
     "--qat/--no-qat",

@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 
 from gsvrcodec.bitstream.gop_payload import unpack_gop
+from gsvrcodec.bitstream.plate import unpack_plate
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import encode_gop
@@ -124,11 +125,13 @@ class _State:
             return
         content = unpack_gop(result.payload, None, Limits())
         before = self.reference
-        whole = content.new
+        whole, plate = content.new, None
+        if content.plate is not None:
+            plate = unpack_plate(content.plate)
         if before is not None and content.carried is not None:
-            whole = content.gop(before.gop, before.frames)
+            whole, plate = content.gop(before.gop, before.frames), before.plate
         self.reference = Reference(
-            whole, result.frames.start, len(result.frames), result.qscale, result.psnr
+            whole, result.frames.start, len(result.frames), result.qscale, result.psnr, plate
         )
 
     def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:

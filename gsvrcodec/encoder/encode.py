@@ -18,7 +18,7 @@ from typing import BinaryIO, Unpack
 
 from gsvrcodec.bitstream.chunk import METADATA_TYPE, SETTINGS_TYPE, STREAMS_TYPE
 from gsvrcodec.bitstream.gop_head import GopEntry
-from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, Header
+from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, PLATES_FLAG, Header
 from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
@@ -233,6 +233,7 @@ def _begin(
         bit_depth=info.bit_depth,
         colour=info.colour,
         blending=settings.blending,
+        flags_required=PLATES_FLAG * (settings.plates and settings.quality is not None),
         flags_optional=IMAGE_CODECS_FLAG * (not IMAGE_CODECS.isdisjoint(PACKS[settings.pack])),
     )
     writer = GsvrWriter(file, header, stream=stream)

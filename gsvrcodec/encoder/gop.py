@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop
+from gsvrcodec.bitstream.plate import unpack_plate
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import fittable, key_gaussians, most_gaussians
 from gsvrcodec.encoder.results import EncodedGop
@@ -18,10 +20,11 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
+from gsvrcodec.fit.plate import plate_of
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.target import Slope
-from gsvrcodec.fit.tuned import EFFORT
+from gsvrcodec.fit.tuned import EFFORT, PLATE
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
 from gsvrcodec.model.quantise import Precision, of_carried
@@ -39,7 +42,8 @@ def encode_gop(job: GopJob) -> EncodedGop:
     """
     fitter = _Fitter(job)
     fitted = fitter.predicted() or fitter.key()
-    packer = _Packer(job, fitted)
+    job = fitter.job
+    packer = _Packer(job, fitted, fitter.plate)
     if job.settings.profile == "paper":
         stored = as_published(fitted, fitter.backend)
     else:
@@ -69,18 +73,19 @@ class _Fitter:
 
     def __init__(self, job: GopJob) -> None:
         self.began = time.perf_counter()
-        self._job, execution = job, job.execution
+        self.job, execution = job, job.execution  #: changes if the GOP gets a plate
         self._footage = Footage(job.frames, normalised_time(job.pts))
         self.backend = backend_on(
             choose_device(execution.device), execution.threads, job.settings.blending
         )
+        self.plate: bytes | None = None  #: that the GOP stores
 
     def predicted(self) -> Fit | None:
         """Predict from the reference; None if there is none, or if it has lost the frames."""
-        job, reference = self._job, self._job.reference
+        job, reference = self.job, self.job.reference
         if reference is None or job.before is None:
             return None
-        budget, backend = job.budget, self.backend
+        budget, backend = job.budget, self.backend.over(reference.plate)
         last = np.array([last_time(reference.frames)], np.float32)
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
@@ -89,7 +94,7 @@ class _Fitter:
         slope = budget.slope
         if budget.bytes:  # the qscale goes on from that of the reference
             slope = Slope(reference.qscale, most_gaussians(job.size))
-        return fit_predicted(
+        fit = fit_predicted(
             self._footage,
             LastFrame(look, shown, job.before, qscale, reference.psnr),
             budget.gaussians,
@@ -100,19 +105,35 @@ class _Fitter:
             seed=job.seed,
             slope=slope,
         )
+        if fit is not None:
+            self.backend = backend
+        return fit
 
     def key(self) -> Fit:
         """Fit a key GOP to what the budget asks for."""
-        job, budget = self._job, self._job.budget
+        self._take_plate()
+        job, budget = self.job, self.job.budget
         gaussians = budget.gaussians
         if job.reference is not None and budget.bytes:
             gaussians = max(1, min(gaussians, key_gaussians(budget.bytes, job.grid)))
         most, timed = most_gaussians(job.size), job.seconds is not None
         return budget.target.fit(self._key, gaussians, most, timed=timed)
 
+    def _take_plate(self) -> None:
+        """Take a plate for a key GOP, if one pays: it is what lasts of the GOP, then."""
+        job, slope = self.job, self.job.budget.slope
+        if slope is not None and job.settings.plates:
+            self.plate = plate_of(job.frames, slope)
+        if slope is None or self.plate is None:
+            return
+        self.backend = self.backend.over(unpack_plate(self.plate, job.size))
+        count = max(1, round(PLATE.gaussians * job.budget.gaussians))
+        budget = replace(job.budget, gaussians=count, target=replace(slope, lasting=1.0))
+        self.job = replace(job, budget=budget)
+
     def _key(self, gaussians: int, share: float) -> Fit:
         """Fit so many Gaussians with a share of the job's effort."""
-        job, effort = self._job, self._allowance(gaussians, share)
+        job, effort = self.job, self._allowance(gaussians, share)
         what = self._footage, gaussians, job.grid, job.options, effort, self.backend
         if job.settings.profile == "paper":
             return fit_as_published(*what, seed=job.seed)
@@ -121,12 +142,12 @@ class _Fitter:
     @property
     def _fittable(self) -> float:
         """Gaussians that the job's time suffices for; inf = it has no wall time."""
-        job = self._job
+        job = self.job
         return math.inf if job.seconds is None else fittable(job.seconds, job.execution)
 
     def _allowance(self, gaussians: float, share: float = 1.0) -> Allowance:
         """Return a share of the job's effort, without the time that packing so many takes."""
-        job, seconds = self._job, None
+        job, seconds = self.job, None
         if job.seconds is not None:
             each = EFFORT.packing_seconds + job.budget.target.searches * EFFORT.search_seconds
             packing = min(each * gaussians, EFFORT.packing_share * job.seconds)
@@ -137,8 +158,8 @@ class _Fitter:
 class _Packer:
     """Packs what is stored of a fit."""
 
-    def __init__(self, job: GopJob, fitted: Fit) -> None:
-        self._job, self._fitted = job, fitted
+    def __init__(self, job: GopJob, fitted: Fit, plate: bytes | None) -> None:
+        self._job, self._fitted, self._plate = job, fitted, plate
         self._reference = 0  # distance in frames; 0 = a key GOP
         if job.reference is not None and fitted.anchor is not None:
             self._reference = job.first_frame - job.reference.first_frame
@@ -173,6 +194,7 @@ class _Packer:
             carried=carried_of(self._fitted, gop, precision),
             memories=memories,
             blending=job.settings.blending,
+            plate=self._plate,
         )
 
 

@@ -13,6 +13,7 @@ from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.fit.footage import Picture
 from gsvrcodec.fit.recipe import FitOptions
 from gsvrcodec.model.gop import Gop, GridSize
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.time import Ticks
 
 
@@ -25,6 +26,7 @@ class Reference:
     frames: int
     qscale: float  #: that it was stored at
     psnr: float  #: dB, mean of its frames
+    plate: Plate | None = None  #: behind its Gaussians; None = none
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -59,6 +59,7 @@ class EncodeOptions(TypedDict, total=False):
     gop_max: int | None
     keyint: float
     flow: Flow
+    plates: bool
     qat: bool
     pack: Pack
     seed: int
@@ -109,6 +110,7 @@ class EncodeSettings:
     #: longest time from one key GOP to the next, seconds; 0 = every GOP is a key GOP
     keyint: float = 4.0
     flow: Flow = "dis"  #: optical flow for slicing and motion start
+    plates: bool = True  #: pictures behind the Gaussians where the source stands still; with `crf`
     qat: bool = True  #: fine-tune under the quantisation to come
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
     seed: int = 0  #: of every random choice

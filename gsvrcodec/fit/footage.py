@@ -42,10 +42,10 @@ class Footage:
 def backdrop(
     background: Gop | None, size: Size, coded_size: Size, backend: Backend
 ) -> Samples | None:
-    """Return the sums of a background, (H, W, 4), where the backend adds them; None = none.
+    """Return the sums of a background and the plate, (H, W, 4), where the backend adds them.
 
     Args:
-        background: static Gaussians; None = none.
+        background: static Gaussians; None = none, and then the sums are None.
         size: width and height to draw at.
         coded_size: width and height that scales are relative to.
         backend: draws.

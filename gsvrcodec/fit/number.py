@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.plate import differs
 from gsvrcodec.fit.relocate import losses
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
@@ -82,17 +83,30 @@ def moving_of(gop: Gop, size: Size) -> NDArray[np.bool_]:
 
 
 def _squared_error(parameters: Parameters, footage: Footage) -> float:
-    """Mean squared error over some frames, 8-bit codes; by its share where a background shows."""
+    """Mean squared error over some frames, 8-bit codes.
+
+    Where a background or a plate shows, too, an error counts by the share of the Gaussians; in
+    front of a plate wholly where a frame differs from it.
+    """
     frames, backend, size = footage.frames, parameters.backend, footage.size
     shown = some_frames(len(frames), RELOCATION.frames)
     pictures = backend.render(backend.prepare(parameters.drawn()), footage.taus[shown], size, size)
-    if parameters.background is None:
+    plate = backend.plate
+    if parameters.background is None and plate is None:
         pairs = zip(pictures, frames[shown], strict=True)
         return fmean(cv2.norm(*pair, cv2.NORM_L2SQR) / pair[0].size for pair in pairs)
-    behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
-    own, errors = backend.prepare(parameters.gop()), []
+    alone = backend.over(None)
+    if parameters.background is not None:
+        behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
+    else:
+        assert plate is not None
+        behind = plate.sums(size)[..., 3]
+    own, errors = alone.prepare(parameters.gop()), []
     for picture, index in zip(pictures, shown, strict=True):
-        weight = backend.sums(own, float(footage.taus[index]), size, size)[..., 3]
+        weight = alone.sums(own, float(footage.taus[index]), size, size)[..., 3]
         squares = over_channels(np.square(cv2.absdiff(picture, frames[index]), dtype=np.float32))
-        errors.append(float((squares / 3 * weight / (weight + behind + GROUND)).mean()))
+        share = weight / (weight + behind + GROUND)
+        if plate is not None:
+            share = np.maximum(share, differs(frames[index], plate.shown()))
+        errors.append(float((squares / 3 * share).mean()))
     return fmean(errors)

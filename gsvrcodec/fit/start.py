@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Footage, Frames
+from gsvrcodec.fit.footage import Footage, Frames, Picture
 from gsvrcodec.fit.motion import FlowEstimator, Tracker
 from gsvrcodec.fit.tuned import START, TRIPLANE
 from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
@@ -20,9 +21,16 @@ from gsvrcodec.render.backend import Backend
 
 def density(frames: Frames) -> NDArray[np.float64]:
     """Density of Gaussians over all frames: (H, W), sums to 1; high where detail is."""
-    total = np.zeros(frames.shape[1:3], np.float32)
-    for frame in frames:
-        total += gradient(frame)
+    return _density(map(gradient, frames))
+
+
+def density_over(frames: Frames, plate: Picture) -> NDArray[np.float64]:
+    """Density of Gaussians in front of a plate, (H, W, 3): high where frames differ from it."""
+    return _density(_differing(frame, plate) for frame in frames)
+
+
+def _density(details: Iterable[Float32Array]) -> NDArray[np.float64]:
+    total = sum(details)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
     share = START.gradient_share if detail.any() else 0.0
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) / detail.size
@@ -33,6 +41,12 @@ def gradient(frame: NDArray[np.uint8]) -> Float32Array:
     dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
     dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
     return over_channels(np.abs(dx) + np.abs(dy))
+
+
+def _differing(frame: Picture, plate: Picture) -> Float32Array:
+    """Absolute difference beyond noise, (H, W), summed over the channels."""
+    differing = over_channels(cv2.absdiff(frame, plate).astype(np.float32))
+    return np.maximum(differing - np.float32(START.plate_noise), 0)
 
 
 def over_channels(values: Float32Array) -> Float32Array:
@@ -75,7 +89,13 @@ class _Start:
         self._frames, self._taus, self._gaussians = footage.frames, footage.taus, gaussians
         self._backend, self._tracker, self._rng = backend, tracker, rng
         self._size = footage.size
+        plate = backend.plate
+        self._plate = None if plate is None else plate.shown()
         self._xy, self._xt, self._yt = tri_plane(grid, rng)
+
+    def density(self, frames: Frames) -> NDArray[np.float64]:
+        """Density of Gaussians over frames, (H, W)."""
+        return density(frames) if self._plate is None else density_over(frames, self._plate)
 
     def place(
         self,
@@ -107,7 +127,8 @@ class _Start:
     def uncovered(self, placed: _Placed, index: int) -> Float32Array:
         """Lack of coverage of frame `index` by `placed`, (H, W) in [0, 1]."""
         prepared, tau = self._backend.prepare(self.gop(placed)), float(self._taus[index])
-        weights = self._backend.sums(prepared, tau, self._size, self._size)[..., 3]
+        own = self._backend.over(None)
+        weights = own.sums(prepared, tau, self._size, self._size)[..., 3]
         covered = cv2.boxFilter(weights, -1, 2 * (START.hole_px,))
         return np.clip(1 - covered / START.covered, 0, 1)
 
@@ -154,11 +175,11 @@ def content_aware(
     frames = footage.frames
     tracker = None if estimate is None else Tracker(frames, estimate)
     start = _Start(footage, gaussians, grid, tracker, rng, backend)
-    where = density(frames)
+    where = start.density(frames)
     middle = int(np.abs(footage.taus).argmin())
     placed = start.place(middle, where, where, gaussians)
     for index in sorted({0, len(frames) - 1} - {middle}):
-        here = density(frames[index : index + 1])
+        here = start.density(frames[index : index + 1])
         needed = here * start.uncovered(placed, index)
         count = int(gaussians * min(needed.sum(), START.hole_share))
         if count:

@@ -49,6 +49,23 @@ class _Start:
     covered: float = 0.6  #: sum of weights at which a place needs no more Gaussians; usual is 1.3
     indicator: float = 0.88  #: dynamic indicator of all
     plane_noise: float = 0.0025  #: standard deviation of the spatial grid
+    plate_noise: float = 9.0  #: difference from a plate that asks for no Gaussian, 8-bit codes
+
+
+@dataclass(frozen=True, slots=True)
+class _Plate:
+    """Plates of key GOPs."""
+
+    frames: int = 9  #: most frames that a median is taken of
+    box_px: int = 7  #: side of a box in which frames are compared, px
+    differing: int = 8  #: difference that is no noise, 8-bit codes
+    usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
+    still: float = 0.75  #: least share of the detail of the picture that stands still
+    least_bits: float = 0.4  #: bits a pixel below which Gaussians do better
+    gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
+    #: the quality is 100 - loss worth^power, with what a bit has to save in each frame
+    loss: float = 8.7
+    power: float = 0.45
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,6 +268,7 @@ class _RateControl:
 
 EFFORT = _Effort()
 START = _Start()
+PLATE = _Plate()
 TRIPLANE = _TriPlane()
 TRACKS = _Tracks()
 OPACITY = _Opacity()

@@ -31,6 +31,14 @@ class Plate:
         green = y - np.float32(0.344136) * cb - np.float32(0.714136) * cr
         return np.stack([red, green, blue], axis=-1) / np.float32(255)
 
+    def __reduce__(self) -> tuple[type[Plate], tuple[NDArray[np.uint8]]]:
+        """Pickle the picture alone."""
+        return Plate, (self.ycc,)
+
+    def shown(self) -> NDArray[np.uint8]:
+        """Return the plate alone, at the coded size, (H, W, 3) RGB."""
+        return np.rint(np.clip(self.colours, 0, 1) * 255).astype(np.uint8)
+
     def sums(self, size: tuple[int, int]) -> Float32Array:
         """Return what the plate adds to the sums of a frame: (H, W, 4), weighted colours, weights.
 
@@ -43,7 +51,9 @@ class Plate:
         out[..., :3] *= _resampled(rows.swapaxes(0, 1), width).swapaxes(0, 1)
         return out
 
-    def held(self, size: tuple[int, int], place: Hashable, hold: Callable[[Float32Array], Any]) -> Any:
+    def held(
+        self, size: tuple[int, int], place: Hashable, hold: Callable[[Float32Array], Any]
+    ) -> Any:
         """Return the sums of a frame as a backend holds them; those of the last size are kept.
 
         Args:

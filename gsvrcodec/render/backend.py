@@ -118,7 +118,8 @@ class Backend(ABC):
     def sums(self, prepared: Prepared, tau: float, size: Size, coded_size: Size) -> Float32Array:
         """Return what a frame is made of, (H, W, 4): sums of weighted colours, and of weights.
 
-        The plate has a part in them, the ground has not. Where pictures are sums, the last has no meaning.
+        The plate has a part in them, the ground has not. Where pictures are sums, the last has no
+        meaning.
         """
 
     @abstractmethod

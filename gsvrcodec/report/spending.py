@@ -48,8 +48,8 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     """Return the bytes of a file by purpose; the items add up to the file size.
 
     The items are: each attribute, in the order of the spec, over all GOPs, so those of carried
-    Gaussians stand for themselves; "refinement" of the values of new Gaussians; "heads", the heads,
-    timing and plane tables of GOPs; the auxiliary chunks; "container", signature, header, index,
+    Gaussians stand for themselves; "refinement" of the values of new Gaussians; "plates"; "heads",
+    the heads, timing and plane tables of GOPs; the auxiliary chunks; "container", signature, header, index,
     end and chunk framing; "unread", payloads that are damaged or not supported by this version.
     Empty items are left out.
 
@@ -59,7 +59,7 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
     limits = limits or Limits.from_environment()
     sizes: dict[str, int] = {attribute.name: 0 for attribute in ALL_ATTRIBUTES}
     codecs: dict[str, set[str]] = {}
-    sizes |= dict.fromkeys(("refinement", "heads", "settings", "metadata", "streams"), 0)
+    sizes |= dict.fromkeys(("refinement", "plates", "heads", "settings", "metadata", "streams"), 0)
     sizes |= dict.fromkeys(("other", "container", "unread"), 0)
     sizes["container"] = len(SIGNATURE) + OVERHEAD_BYTES * len(reader.chunks)
     for chunk in reader.chunks:
@@ -67,8 +67,9 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
             sizes["container"] += chunk.size
         elif chunk.type != GOP_TYPE:
             sizes[_NAMES.get(chunk.type, "other")] += chunk.size
-    for size, entries, offset in _tables(reader, limits):
-        sizes["heads"] += offset
+    for size, entries, offset, plate in _tables(reader, limits):
+        sizes["plates"] += plate
+        sizes["heads"] += offset - plate
         sizes["refinement"] += size - offset - sum(entry.size for entry in entries)
         for entry in entries:
             name = entry.attribute.name
@@ -90,8 +91,8 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
 
 def _tables(
     reader: GsvrReader, limits: Limits
-) -> Iterator[tuple[int, tuple[PlaneEntry, ...], int]]:
-    """Yield size, plane table, and offset of the first plane of each valid GOP."""
+) -> Iterator[tuple[int, tuple[PlaneEntry, ...], int, int]]:
+    """Yield size, plane table, offset of the first plane, and bytes of the plate of valid GOPs."""
     for position in range(len(reader.gops)):
         with suppress(CorruptError, UnsupportedError):
             payload = reader.read_gop(position)

@@ -72,6 +72,7 @@ def render(
     blending: Blending,
     bit_depth: int,
     out: Tensor,
+    backdrop: Tensor | None = None,
 ) -> None:
     """Render frames of a GOP that is on a device; nothing waits for it.
 
@@ -84,6 +85,8 @@ def render(
         bit_depth: bits of a sample, 8 to 16.
         out: (F, height, width, 3) on that device, contiguous, uint8 for 8 bits and uint16 for
             more: filled.
+        backdrop: (H, W, 4) float32 on that device, added to the sums of each frame; None =
+            nothing.
 
     Raises:
         DeviceError: the memory of the device does not suffice.
@@ -93,7 +96,7 @@ def render(
         together = max(1, _PASS_BYTES // scratch_bytes(size, gaussians, blending))
         for first in range(0, len(taus), together):
             part = slice(first, first + together)
-            run = Pass(parameters, taus[part], size, coded_size, blending)
+            run = Pass(parameters, taus[part], size, coded_size, blending, backdrop)
             run.codes(out[part], 2.0**bit_depth - 1)
 
 
@@ -133,8 +136,8 @@ def squared_error(
     """
     size = targets.shape[2], targets.shape[1]
     with memory_checked(f"fit {len(parameters['position'])} Gaussians to {size[0]}x{size[1]}"):
-        run = Pass(parameters, taus, size, coded_size, blending)
-        return run.residual(targets, backdrop), run.gradients()
+        run = Pass(parameters, taus, size, coded_size, blending, backdrop)
+        return run.residual(targets), run.gradients()
 
 
 class TritonBackend(Backend):
@@ -179,6 +182,7 @@ class TritonBackend(Backend):
             blending=self.blending,
             bit_depth=bit_depth,
             out=frames,
+            backdrop=self.behind(size),
         )
         if in_place:
             return out
@@ -203,8 +207,16 @@ class TritonBackend(Backend):
         sums: Float32Array = four[0].numpy(force=True)
         return sums
 
-    def _pass(self, parameters: Parameters, tau: float, size: Size, coded_size: Size) -> Pass:
-        return Pass(parameters, self._times([tau]), size, coded_size, self.blending)
+    def _pass(
+        self,
+        parameters: Parameters,
+        tau: float,
+        size: Size,
+        coded_size: Size,
+        backdrop: Samples | None = None,
+    ) -> Pass:
+        behind = self.behind(size, backdrop)
+        return Pass(parameters, self._times([tau]), size, coded_size, self.blending, behind)
 
     def gradient(
         self,
@@ -217,8 +229,8 @@ class TritonBackend(Backend):
         """Return the gradient of sum(weights * picture) in place of each parameter."""
         size = weights.shape[1], weights.shape[0]
         with memory_checked(f"differentiate {len(gop)} Gaussians at {size[0]}x{size[1]}"):
-            run = self._pass(_copied(gop, self._place), tau, size, coded_size)
-            run.set_gradient(self.upload(weights[None]), backdrop)
+            run = self._pass(_copied(gop, self._place), tau, size, coded_size, backdrop)
+            run.set_gradient(self.upload(weights[None]))
             found = run.gradients()
         return Gop(**{name: found[name].numpy(force=True) for name in Gop.__slots__})
 
@@ -234,7 +246,8 @@ class TritonBackend(Backend):
         """Return the mean squared error of one clamped frame and its gradients."""
         assert weights is None
         times = self._number(tau)
-        how = coded_size, self.blending, backdrop
+        size = target.shape[1], target.shape[0]
+        how = coded_size, self.blending, self.behind(size, backdrop)
         loss, named = squared_error(parameters, times, target[None], *how)
         return loss, [named[name] for name in parameters]
 

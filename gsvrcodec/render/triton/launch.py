@@ -51,6 +51,7 @@ class Pass:
         size: Size,
         coded_size: Size,
         blending: Blending,
+        backdrop: Tensor | None = None,
     ) -> None:
         """Launch the forward kernels.
 
@@ -60,11 +61,12 @@ class Pass:
             size: width and height to render at.
             coded_size: width and height that scales are relative to.
             blending: how pictures are formed.
+            backdrop: (H, W, 4) float32, added to the sums of each frame; None = nothing.
         """
         self._sums = sums_of(blending)
         self._arrays = [parameters[name] for name in _NAMES]
         self._taus, self._size, self._coded_size = taus, size, coded_size
-        self._device = taus.device
+        self._device, self._backdrop = taus.device, backdrop
         self._n = len(parameters["position"])
         self._blocks = triton.cdiv(self._n, BLOCK.value)
         gy, gx, _ = parameters["xy"].shape
@@ -126,6 +128,11 @@ class Pass:
         grid = triton.cdiv(self._sums * width * height, SAMPLES.value), self.frames
         kernel[grid](self._picture, self._floats, level, *self._size, SUMS=self._sums)
 
+    @property
+    def _behind(self) -> Tensor:
+        """What kernels take for a backdrop, which they do not read if there is none."""
+        return self._picture if self._backdrop is None else self._backdrop
+
     def _pixel_grid(self) -> tuple[int, int]:
         width, height = self._size
         return triton.cdiv(width * height, PIXELS.value), self.frames
@@ -134,7 +141,14 @@ class Pass:
         """Fill `out` (F, H, W, 3), uint8 or uint16, with samples that are `white` where 1."""
         with on_device(self._device):
             to_codes[self._pixel_grid()](
-                self._picture, out, self._floats, *self._size, white, SUMS=self._sums
+                self._picture,
+                out,
+                self._behind,
+                self._floats,
+                *self._size,
+                white,
+                SUMS=self._sums,
+                BACKDROP=self._backdrop is not None,
             )
 
     def floats(self) -> Tensor:
@@ -151,7 +165,13 @@ class Pass:
         out = torch.zeros(shape, dtype=torch.float32, device=self._device)
         with on_device(self._device):
             kernel[self._pixel_grid()](
-                self._picture, out, self._floats, *self._size, SUMS=self._sums
+                self._picture,
+                out,
+                self._behind,
+                self._floats,
+                *self._size,
+                SUMS=self._sums,
+                BACKDROP=self._backdrop is not None,
             )
         return out
 
@@ -161,12 +181,11 @@ class Pass:
         area = math.pi * END.value / (across * down).sqrt()
         return float(area[self._level >= 0].sum())
 
-    def residual(self, target: Tensor, backdrop: Tensor | None = None) -> Tensor:
+    def residual(self, target: Tensor) -> Tensor:
         """Turn the picture into the gradient of the error that is returned.
 
         Args:
             target: (F, H, W, 3) uint8.
-            backdrop: (H, W, 4) float32, added to the sums of each frame; None = nothing.
 
         Returns:
             Mean squared error of the clamped frames in [0, 1], a scalar on the device. The
@@ -179,31 +198,28 @@ class Pass:
             residual[(programs, frames)](
                 self._picture,
                 target,
-                parts if backdrop is None else backdrop,
+                self._behind,
                 parts,
                 self._floats,
                 *self._size,
                 2.0 / count,
                 255.0,
                 SUMS=self._sums,
-                BACKDROP=backdrop is not None,
+                BACKDROP=self._backdrop is not None,
             )
         return parts.sum() / count
 
-    def set_gradient(self, gradient: Tensor, backdrop: Tensor | None = None) -> None:
-        """Turn the picture into `gradient` (F, H, W, 3), that of the frames, for `gradients`.
-
-        The backdrop (H, W, 4) is added to the sums of each frame.
-        """
+    def set_gradient(self, gradient: Tensor) -> None:
+        """Turn the picture into `gradient` (F, H, W, 3), that of the frames, for `gradients`."""
         with on_device(self._device):
             weigh[self._pixel_grid()](
                 self._picture,
                 gradient,
-                gradient if backdrop is None else backdrop,
+                self._behind,
                 self._floats,
                 *self._size,
                 SUMS=self._sums,
-                BACKDROP=backdrop is not None,
+                BACKDROP=self._backdrop is not None,
             )
 
     def gradients(self) -> dict[str, Tensor]:

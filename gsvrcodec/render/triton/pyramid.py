@@ -90,7 +90,17 @@ def _clamped(x):
 
 
 @triton.jit
-def to_codes(picture_ptr, code_ptr, picture, width, height, white, SUMS: tl.constexpr):
+def to_codes(
+    picture_ptr,
+    code_ptr,
+    backdrop_ptr,  # (H, W, 4)
+    picture,
+    width,
+    height,
+    white,
+    SUMS: tl.constexpr,
+    BACKDROP: tl.constexpr,
+):
     """Clamp, scale to [0, white] and round: (F, H, W, 3) integers."""
     frame = tl.program_id(1).to(tl.int64)
     pixels = width * height
@@ -98,7 +108,7 @@ def to_codes(picture_ptr, code_ptr, picture, width, height, white, SUMS: tl.cons
     mask = i < pixels
     picture_ptr += frame * picture
     red, green, blue, _ = _colours(
-        picture_ptr, picture_ptr, i, mask, width, height, SUMS, BACKDROP=False
+        picture_ptr, backdrop_ptr, i, mask, width, height, SUMS, BACKDROP
     )
     kind: tl.constexpr = code_ptr.dtype.element_ty
     out = code_ptr + frame * 3 * pixels + 3 * i
@@ -108,7 +118,16 @@ def to_codes(picture_ptr, code_ptr, picture, width, height, white, SUMS: tl.cons
 
 
 @triton.jit
-def to_floats(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr):
+def to_floats(
+    picture_ptr,
+    value_ptr,
+    backdrop_ptr,  # (H, W, 4)
+    picture,
+    width,
+    height,
+    SUMS: tl.constexpr,
+    BACKDROP: tl.constexpr,
+):
     """Neither clamped nor rounded: (F, H, W, 3)."""
     frame = tl.program_id(1).to(tl.int64)
     pixels = width * height
@@ -116,7 +135,7 @@ def to_floats(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr
     mask = i < pixels
     picture_ptr += frame * picture
     red, green, blue, _ = _colours(
-        picture_ptr, picture_ptr, i, mask, width, height, SUMS, BACKDROP=False
+        picture_ptr, backdrop_ptr, i, mask, width, height, SUMS, BACKDROP
     )
     out = value_ptr + frame * 3 * pixels + 3 * i
     tl.store(out, red, mask=mask)
@@ -125,7 +144,16 @@ def to_floats(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr
 
 
 @triton.jit
-def to_sums(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr):
+def to_sums(
+    picture_ptr,
+    value_ptr,
+    backdrop_ptr,  # (H, W, 4)
+    picture,
+    width,
+    height,
+    SUMS: tl.constexpr,
+    BACKDROP: tl.constexpr,
+):
     """The sums themselves: the first SUMS of (F, H, W, 4)."""
     frame = tl.program_id(1).to(tl.int64)
     pixels = width * height
@@ -135,6 +163,8 @@ def to_sums(picture_ptr, value_ptr, picture, width, height, SUMS: tl.constexpr):
     out = value_ptr + frame * 4 * pixels + 4 * i
     for n in tl.static_range(SUMS):
         value = _sum(picture_ptr, n, i, mask, width, height, SUMS)
+        if BACKDROP:
+            value += tl.load(backdrop_ptr + 4 * i + n, mask=mask, other=0.0)
         tl.store(out + n, value, mask=mask)
 
 

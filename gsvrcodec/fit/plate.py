@@ -1,0 +1,71 @@
+"""The plate of a key GOP: what stands still, as one picture behind all Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gsvrcodec.bitstream.plate import pack_plate
+from gsvrcodec.fit.footage import Frames, Picture, some_frames
+from gsvrcodec.fit.start import density
+from gsvrcodec.fit.target import Slope
+from gsvrcodec.fit.tuned import PLATE
+
+
+def plate_of(frames: Frames, slope: Slope) -> bytes | None:
+    """Return the coded plate of a key GOP; None where Gaussians alone are better.
+
+    A plate pays where most of what there is to see stands still and has much texture: Gaussians
+    take more bits for texture than a picture coder, and fewer for what is smooth.
+
+    Args:
+        frames: (F, H, W, 3) of the GOP.
+        slope: What a bit has to save.
+    """
+    shown = frames[some_frames(len(frames), PLATE.frames)]
+    middle = median(shown)
+    still = stands_still(shown, middle)
+    if (density(middle[None]) * still).sum() < PLATE.still:
+        return None
+    # Less noise than in the median.
+    mean = frames.mean(axis=0, dtype=np.float32)
+    picture = np.where(still[..., None], mean.round().astype(np.uint8), middle)
+    coded = pack_plate(picture, quality_at(slope.bit / len(frames)))
+    return coded if 8 * len(coded) >= PLATE.least_bits * still.size else None
+
+
+def stands_still(frames: Frames, usual: Picture) -> NDArray[np.bool_]:
+    """Return where most of some frames, (F, H, W, 3), are as a picture, (H, W)."""
+    count = sum((~differs(frame, usual)).astype(np.uint8) for frame in frames)
+    return np.asarray(count >= PLATE.usual * len(frames))
+
+
+def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
+    """Return where a frame, (H, W, 3), is not as a picture, but for noise, (H, W)."""
+    apart = cv2.blur(cv2.absdiff(frame, usual), 2 * (PLATE.box_px,))
+    return np.asarray(apart.max(axis=2) >= PLATE.differing)
+
+
+def quality_at(worth: float) -> int:
+    """Return the quality of a plate, 0 to 100, where a bit has to save so much in each frame.
+
+    Args:
+        worth: Squared 8-bit codes, mean of the channels.
+    """
+    return max(0, round(100 - PLATE.loss * float(np.power(worth, PLATE.power))))
+
+
+def median(pictures: Sequence[Picture] | Frames) -> Picture:
+    """Return the median of pictures, (H, W, 3), by pixel and channel; of two middle ones the later.
+
+    Quicker than sorting along the first axis: whole pictures are compared.
+    """
+    ordered: list[Picture] = list(pictures)
+    for turn in range(len(ordered)):
+        for n in range(turn % 2, len(ordered) - 1, 2):
+            low, high = ordered[n : n + 2]
+            ordered[n : n + 2] = np.minimum(low, high), np.maximum(low, high)
+    return ordered[len(ordered) // 2]
