@@ -161,7 +161,7 @@ def seeds(target: str) -> Iterator[bytes]:
 def _planes(codec: Codec, payloads: list[bytes], header: Header) -> Iterator[bytes]:
     """Coded planes of a codec."""
     for payload in payloads:
-        entries, offset = plane_table(payload, header, Limits())
+        entries, offset, _ = plane_table(payload, header, Limits())
         for entry in entries:
             if entry.codec == codec:
                 shape = bytes([entry.width, entry.height, entry.quantiser.bits, 0])

@@ -22,7 +22,7 @@ ALLOWED: dict[str, set[str]] = {
     "metrics": {"numpy", "cv2"},
     "native": {"numpy"},
     "model": {"errors", "native", "numpy"},
-    "planes": {"errors", "limits", "native", "numpy", "imagecodecs"},
+    "planes": {"errors", "limits", "native", "numpy", "imagecodecs", "av"},
     "bitstream": {"errors", "limits", "native", "model", "planes", "numpy", "fsspec"},
     "play": {"errors", "files", "bitstream"},
     "render": {"errors", "model", "native", "numpy", "torch", "triton"},

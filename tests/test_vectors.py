@@ -55,7 +55,7 @@ def context_heads() -> Iterator[bytes]:
         with GsvrReader(path) as reader:
             for position in range(len(reader.gops)):
                 payload = reader.read_gop(position)
-                entries, offset = plane_table(payload, reader.header, Limits())
+                entries, offset, _ = plane_table(payload, reader.header, Limits())
                 for entry in entries:
                     if entry.codec == 4:
                         yield payload[offset : offset + entry.size]

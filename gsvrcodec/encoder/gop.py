@@ -20,7 +20,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
-from gsvrcodec.fit.plate import plate_of
+from gsvrcodec.fit.plate import pays, quality_at, still_picture
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.target import Slope
@@ -30,7 +30,7 @@ from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_lo
 from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time
-from gsvrcodec.planes import PACKS, Memory
+from gsvrcodec.planes import PACKS, Memory, avif
 from gsvrcodec.render import backend_on
 from gsvrcodec.render.device import choose_device
 
@@ -122,10 +122,15 @@ class _Fitter:
     def _take_plate(self) -> None:
         """Take a plate for a key GOP, if one pays: it is what lasts of the GOP, then."""
         job, slope = self.job, self.job.budget.slope
-        if slope is not None and job.settings.plates:
-            self.plate = plate_of(job.frames, slope)
-        if slope is None or self.plate is None:
+        if slope is None or not job.settings.plates:
             return
+        picture = still_picture(job.frames)
+        if picture is None:
+            return
+        coded = avif.encode(picture, quality_at(slope.bit / len(job.frames)))
+        if not pays(len(coded), picture[..., 0].size):
+            return
+        self.plate = coded
         self.backend = self.backend.over(unpack_plate(self.plate, job.size))
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         budget = replace(job.budget, gaussians=count, target=replace(slope, lasting=1.0))

@@ -8,22 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.plate import pack_plate
 from gsvrcodec.fit.footage import Frames, Picture, some_frames
 from gsvrcodec.fit.start import density
-from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import PLATE
 
 
-def plate_of(frames: Frames, slope: Slope) -> bytes | None:
-    """Return the coded plate of a key GOP; None where Gaussians alone are better.
+def still_picture(frames: Frames) -> Picture | None:
+    """Return what stands still, (H, W, 3); None where it is too little for a plate.
 
-    A plate pays where most of what there is to see stands still and has much texture: Gaussians
-    take more bits for texture than a picture coder, and fewer for what is smooth.
+    Where it moves, the picture has what is there most of the time.
 
     Args:
         frames: (F, H, W, 3) of the GOP.
-        slope: What a bit has to save.
     """
     shown = frames[some_frames(len(frames), PLATE.frames)]
     middle = median(shown)
@@ -31,10 +27,20 @@ def plate_of(frames: Frames, slope: Slope) -> bytes | None:
     if (density(middle[None]) * still).sum() < PLATE.still:
         return None
     # Less noise than in the median.
-    mean = frames.mean(axis=0, dtype=np.float32)
-    picture = np.where(still[..., None], mean.round().astype(np.uint8), middle)
-    coded = pack_plate(picture, quality_at(slope.bit / len(frames)))
-    return coded if 8 * len(coded) >= PLATE.least_bits * still.size else None
+    mean = frames.mean(axis=0, dtype=np.float32).round().astype(np.uint8)
+    return np.where(still[..., None], mean, middle)
+
+
+def pays(coded: int, pixels: int) -> bool:
+    """Return whether a plate of so many bytes is better than Gaussians alone.
+
+    Gaussians take more bits for texture than a picture coder, and fewer for what is smooth.
+
+    Args:
+        coded: Bytes of the plate.
+        pixels: Of the picture.
+    """
+    return 8 * coded >= PLATE.least_bits * pixels
 
 
 def stands_still(frames: Frames, usual: Picture) -> NDArray[np.bool_]:

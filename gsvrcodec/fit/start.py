@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ def density_over(frames: Frames, plate: Picture) -> NDArray[np.float64]:
 
 
 def _density(details: Iterable[Float32Array]) -> NDArray[np.float64]:
-    total = sum(details)
+    total = reduce(np.add, details)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
     share = START.gradient_share if detail.any() else 0.0
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) / detail.size
@@ -46,7 +47,7 @@ def gradient(frame: NDArray[np.uint8]) -> Float32Array:
 def _differing(frame: Picture, plate: Picture) -> Float32Array:
     """Absolute difference beyond noise, (H, W), summed over the channels."""
     differing = over_channels(cv2.absdiff(frame, plate).astype(np.float32))
-    return np.maximum(differing - np.float32(START.plate_noise), 0)
+    return np.asarray(np.maximum(differing - np.float32(START.plate_noise), 0))
 
 
 def over_channels(values: Float32Array) -> Float32Array:

@@ -29,7 +29,8 @@ class Plate:
         y, cb, cr = self.ycc.astype(np.float32) - middle
         red, blue = y + np.float32(1.402) * cr, y + np.float32(1.772) * cb
         green = y - np.float32(0.344136) * cb - np.float32(0.714136) * cr
-        return np.stack([red, green, blue], axis=-1) / np.float32(255)
+        colours: Float32Array = np.stack([red, green, blue], axis=-1) * np.float32(1 / 255)
+        return colours
 
     def __reduce__(self) -> tuple[type[Plate], tuple[NDArray[np.uint8]]]:
         """Pickle the picture alone."""

@@ -57,6 +57,7 @@ def render_rgb8(
     coded_height: int,
     mean: bool,
     threads: int,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) uint8."""
 
@@ -68,6 +69,7 @@ def render_planes8(
     coded_height: int,
     mean: bool,
     threads: int,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, 3, H, W) uint8."""
 
@@ -79,6 +81,7 @@ def render_float(
     coded_height: int,
     mean: bool,
     threads: int,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Render a GOP at times `taus` (F,) to `out` (F, H, W, 3) float32, not clamped."""
 
@@ -90,6 +93,7 @@ def render_sums(
     coded_height: int,
     mean: bool,
     threads: int,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Write the sums of weighted colours, and of weights, to `out` (F, H, W, 4) float32."""
 

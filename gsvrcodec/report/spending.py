@@ -49,8 +49,9 @@ def spending(reader: GsvrReader, limits: Limits | None = None) -> tuple[Item, ..
 
     The items are: each attribute, in the order of the spec, over all GOPs, so those of carried
     Gaussians stand for themselves; "refinement" of the values of new Gaussians; "plates"; "heads",
-    the heads, timing and plane tables of GOPs; the auxiliary chunks; "container", signature, header, index,
-    end and chunk framing; "unread", payloads that are damaged or not supported by this version.
+    the heads, timing and plane tables of GOPs; the auxiliary chunks; "container", signature,
+    header, index, end and chunk framing; "unread", payloads that are damaged or not supported by
+    this version.
     Empty items are left out.
 
     Raises:

@@ -242,7 +242,7 @@ class TestPlaneTable:
     @pytest.mark.parametrize(("blending", "planes"), [("mean", 14 + 3 * 6), ("sum", 13 + 3 * 8)])
     def test_says_what_is_in_a_gop(self, blending: Blending, planes: int) -> None:
         payload = make_payload(50, (4, 3, 2), pack="auto", blending=blending)
-        entries, offset = plane_table(payload, HEADERS[blending], Limits())
+        entries, offset, _ = plane_table(payload, HEADERS[blending], Limits())
         assert len(entries) == planes
         assert ("log_opacity" in {entry.name for entry in entries}) == (blending == "mean")
         assert [entry.name for entry in entries[:5]] == [
@@ -267,7 +267,7 @@ class TestPlaneTable:
 
     def test_is_empty_without_gaussians(self) -> None:
         payload = make_payload(0)
-        assert plane_table(payload, HEADER, Limits()) == ((), len(payload) - TABLE_BYTES)
+        assert plane_table(payload, HEADER, Limits()) == ((), len(payload) - TABLE_BYTES, 0)
 
 
 class TestUnpack:

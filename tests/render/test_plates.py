@@ -16,7 +16,7 @@ from tests.render.test_backends import Backends, backends, tensors
 
 __all__ = ["backends"]
 
-SIZES = [SIZE, (134, 90), (33, 22), (50, 61), (1, 1)]
+SIZES = [SIZE, (100, 30), (1, 1)]
 
 
 def plate(seed: int = 0) -> Plate:
@@ -95,13 +95,12 @@ def test_sums_have_the_plate_in_them(backends: Backends) -> None:
 
 def test_colours() -> None:
     """By the matrix of BT.601 and full range, as in JPEG."""
-    found = plate().colours
     ycc = plate().ycc.transpose(1, 2, 0)
-    wanted = cv2.cvtColor(
-        np.ascontiguousarray(ycc[..., [0, 2, 1]]).astype(np.float32) / 255, cv2.COLOR_YCrCb2RGB
-    )
+    wanted = cv2.cvtColor(np.ascontiguousarray(ycc[..., [0, 2, 1]]), cv2.COLOR_YCrCb2RGB)
+    assert np.abs(plate().shown().astype(int) - wanted).max() <= 1
+    inside = (wanted > 0) & (wanted < 255)
     # OpenCV rounds the matrix to three digits.
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=2e-3)
+    assert np.abs(plate().colours * 255 - wanted)[inside].max() <= 0.7
 
 
 @pytest.mark.parametrize(

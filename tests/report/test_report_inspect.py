@@ -83,7 +83,7 @@ class TestBytes:
             framing = 8 + 20 * len(reader.chunks)
             framing += sum(c.size for c in reader.chunks if c.type in (b"HEAD", b"indx", b"fend"))
         for payload in payloads:
-            entries, offset = plane_table(payload, header, Limits())
+            entries, offset, _ = plane_table(payload, header, Limits())
             heads += offset
             for entry in entries:
                 name = entry.attribute.name

@@ -11,12 +11,12 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.bitstream.gop_chain import GopUnpacker
+from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
 from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
+from gsvrcodec.bitstream.plate import unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import MODE, attributes_of
-from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import time_at
 from gsvrcodec.render.backend import Backend, Codes
@@ -68,7 +68,12 @@ def gops_of(reader: GsvrReader) -> list[dict[str, object]]:
 
 
 def _values(content: GopContent, blending: Blending) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    """Attributes that have samples, and their values: the last axis holds the components."""
+    """Attributes that have samples, and their values: the last axis holds the components.
+
+    A plate that the GOP stores stands first.
+    """
+    if content.plate is not None:
+        yield "plate", unpack_plate(content.plate).ycc.transpose(1, 2, 0)
     for attribute in attributes_of(blending):
         if attribute is MODE or attribute.change_of:
             if content.carried is None:
@@ -105,9 +110,10 @@ def pictures_of(name: str, reader: GsvrReader) -> list[Picture]:
 
 def render(reader: GsvrReader, picture: Picture, backend: Backend) -> Codes:
     """The codes of a picture, (H, W, 3), uint8 or uint16."""
-    gop, tau = gop_at(reader, Fraction(picture.time))
+    whole, tau = gop_at(reader, Fraction(picture.time))
+    backend = backend.over(whole.plate)
     codes: Codes = backend.render(
-        backend.prepare(gop),
+        backend.prepare(whole.gop),
         np.array([tau], np.float32),
         (picture.width, picture.height),
         (reader.header.width, reader.header.height),
@@ -116,9 +122,9 @@ def render(reader: GsvrReader, picture: Picture, backend: Backend) -> Codes:
     return codes
 
 
-def gop_at(reader: GsvrReader, time: Fraction) -> tuple[Gop, float]:
+def gop_at(reader: GsvrReader, time: Fraction) -> tuple[WholeGop, float]:
     """The GOP that is shown at a time, ticks, and its normalised time tau."""
     gops = enumerate(reader.gops)
     position = next(n for n, gop in gops if gop.start_pts <= time <= gop.last_pts)
     whole = GopUnpacker(reader, Limits()).unpack(position)
-    return whole.gop, float(time_at(whole.pts, time))
+    return whole, float(time_at(whole.pts, time))

@@ -5,14 +5,23 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import imagecodecs
+import numpy as np
 
 from gsvrcodec.bitstream.chunk import END_TYPE, GOP_TYPE, HEAD_TYPE, INDEX_TYPE, SIGNATURE
 from gsvrcodec.bitstream.gop_head import GOP_HEAD_BYTES, SUMMARY_BYTES, parse_gop_head
+from gsvrcodec.bitstream.gop_payload import pack_gop
+from gsvrcodec.bitstream.header import PLATES_FLAG
 from gsvrcodec.bitstream.refinement_bits import TABLE_BYTES
 from gsvrcodec.model.quantise import step_number
-from tests.gops import make_chain, make_file, make_payload, make_payloads
+from tests.gops import BITS, HEADER, make_chain, make_file, make_gop, make_payload, make_payloads
 from tests.tampering import MODES, TABLE_OFFSET, Piece, joined, patched, pieces, with_plane
+from tests.vectors.streams import a_plate
+
+#: Offset of the field that announces a plate.
+PLATE = SUMMARY_BYTES + 10
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,7 @@ def faulty_vectors() -> Iterator[Fault]:
     yield header("major-version", 0, "H", 2, says="version 2.0")
     yield header("version-0.6", 0, "HH", 0, 6, says="reads 1.x (written for 1.0): encode")
     yield header("required-flag", 4, "I", 1 << 31, says="flags 0x80000000")
-    yield header("flag-before-size", 4, "III", 1, 0, 0, says="flags 0x00000001")
+    yield header("flag-before-size", 4, "III", 2, 0, 0, says="flags 0x00000002")
     yield header("zero-width", 12, "I", 0, says="picture size 0x48")
     yield header("zero-time-base", 36, "I", 0, says="time base 0/1000")
     yield header("zero-aspect", 24, "I", 0, says="aspect ratio 1/0")
@@ -91,7 +100,8 @@ def faulty_vectors() -> Iterator[Fault]:
     yield in_gop("half-triplane", SUMMARY_BYTES + 4, "H", 2, says="tri-plane of 2x0x0")
     yield in_gop("head-too-long", SUMMARY_BYTES, "H", 73, says="GOP head of 73 bytes")
     yield in_gop("head-too-short", SUMMARY_BYTES, "H", 71, says="GOP head of 71 bytes")
-    yield in_gop("head-reserved", SUMMARY_BYTES + 10, "H", 1, says="reserved bytes")
+    yield in_gop("plate-number", PLATE, "H", 2, says="plate 2 of a key GOP")
+    yield in_gop("plate-without-flag", PLATE, "H", 1, says="has not the flag of plates")
     yield in_gop("plane-count", SUMMARY_BYTES + 2, "H", 13, says="13 planes, expected 14")
     yield in_gop("plane-table-cut", SUMMARY_BYTES + 2, "H", 9999, says="plane table")
     yield plane("step-over-bound", b"", "allowed is -1024 to 1024", step=2**16 - 1)
@@ -120,6 +130,7 @@ def faulty_vectors() -> Iterator[Fault]:
     yield plane("ranges-trailing", bytes(4) + b"\x00\x00\x01\x00\x00", "goes on", codec=5)
     yield from _refinement_faults()
     yield from _prediction_faults()
+    yield from _plate_faults()
     yield Fault("settings-not-json", joined([head, first, Piece(b"sett", b"[")]), "JSON")
     yield from _order_faults()
 
@@ -232,6 +243,33 @@ def _prediction_faults() -> Iterator[Fault]:
     says = "plane log_opacity_change spans -24.5 to -24"
     over = {"bits": 1, "first": -49, "step": half}
     yield constant("opacity-change-over-bound", MODES + 9, b"\0\0", says, **over)
+
+
+def _plate_faults() -> Iterator[Fault]:
+    """Faults of a plate, and of what says that there is one."""
+    times = np.array([0]), np.array([40])
+    gop, coded = make_gop(4), a_plate(64, 48)
+
+    def with_plate(name: str, says: str, plate: bytes) -> Fault:
+        return Fault(name, make_file([pack_gop(gop, *times, 0, BITS, plate=plate)]), says)
+
+    good = make_file([pack_gop(gop, *times, 0, BITS, plate=coded)])
+    chain = make_file(make_chain((3, 3)), replace(HEADER, flags_required=PLATES_FLAG))
+    head, key, predicted = pieces(chain)[:3]
+    head = pieces(patched(chain, HEAD_TYPE, 4, "I", PLATES_FLAG))[0]
+    payload = bytearray(predicted.payload)
+    struct.pack_into("<H", payload, PLATE, 1)
+    after = joined([head, key, Piece(GOP_TYPE, bytes(payload))])
+    yield Fault("plate-of-predicted", after, "plate 1 of a predicted GOP")
+    of_sum = make_file([make_payload(5, blending="sum")], replace(HEADER, blending="sum"))
+    yield Fault("plates-of-sum", patched(of_sum, HEAD_TYPE, 4, "I", 1), "pictures are sums")
+    yield Fault("plate-cut", patched(good, GOP_TYPE, TABLE_OFFSET, "I", 2**32 - 1), "are left")
+    yield with_plate("plate-empty", "no AVIF picture", b"")
+    yield with_plate("plate-damaged", "no AVIF picture", coded[:40] + bytes(len(coded) - 40))
+    yield with_plate("plate-of-another-size", "pixels, not of the coded size", a_plate(48, 64))
+    yield with_plate("plate-too-large", "no AVIF picture", a_plate(640, 480))
+    grey = imagecodecs.avif_encode(np.zeros((48, 64, 3), np.uint8), level=60, pixelformat="420")
+    yield with_plate("plate-subsampled", "expected 4:4:4", bytes(grey))
 
 
 def _flip(data: bytes, offset: int) -> bytes:

@@ -35,7 +35,10 @@ def irregular(reader: GsvrReader, picture: Picture) -> Iterator[str]:
     coded = header.width, header.height
     if max(*size, *coded) > _SIDE:
         yield "a side of it"
-    gop, tau = gop_at(reader, Fraction(picture.time))
+    whole, tau = gop_at(reader, Fraction(picture.time))
+    gop, plate = whole.gop, None
+    if whole.plate is not None:
+        plate = whole.plate.sums(size)[..., :3].astype(np.float64)
     look = look_at(gop, tau, header.blending)
     if not (np.abs(look.position) <= 4).all():
         yield "a centre"
@@ -48,7 +51,7 @@ def irregular(reader: GsvrReader, picture: Picture) -> Iterator[str]:
     if (colour > 8).any():
         yield "a colour"
     if header.blending == "mean":
-        if not regular_samples(gop, tau, size, coded).all():
+        if not regular_samples(gop, tau, size, coded, plate).all():
             yield "a sensitive sample"
         return
     # The magnitudes, drawn with a tri-plane that leaves them as they are.

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import cv2
 import numpy as np
 
 import gsvrcodec
@@ -24,7 +25,7 @@ from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.prediction import CHANGED
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
-from gsvrcodec.planes import PACKS, context
+from gsvrcodec.planes import PACKS, avif, context
 from gsvrcodec.planes.table import Codec
 from tests.gops import (
     BITS,
@@ -35,6 +36,7 @@ from tests.gops import (
     make_chain,
     make_file,
     make_gop,
+    make_modes,
     make_payload,
 )
 from tests.tampering import Piece, edited, joined, pieces
@@ -156,6 +158,27 @@ def opacities() -> bytes:
     return _small(gop, predicted)
 
 
+def a_plate(width: int, height: int, seed: int = 0) -> bytes:
+    """A coded plate of soft colours."""
+    draw = np.random.default_rng(seed)
+    few = draw.integers(0, 256, (5, 8, 3), np.uint8)
+    return avif.encode(cv2.resize(few, (width, height), interpolation=cv2.INTER_CUBIC), 60)
+
+
+def plates() -> bytes:
+    """A plate behind a chain, a key GOP that has none, and one that has nothing else."""
+    carried, header = make_carried(make_modes(24), seed=3), replace(HEADER, width=70, height=45)
+    times = [(np.array([t, t + 40]), np.full(2, 40)) for t in range(0, 320, 80)]
+    new = make_gop(3, (3, 2, 2), 2)
+    payloads = [
+        pack_gop(make_gop(24, (4, 3, 2), 1), *times[0], 0, BITS, plate=a_plate(70, 45)),
+        pack_gop(new, *times[1], 2, BITS, reference=2, carried=carried),
+        pack_gop(make_gop(24, seed=4), *times[2], 4, BITS),
+        pack_gop(make_gop(0), *times[3], 6, BITS, plate=a_plate(70, 45, 1)),
+    ]
+    return make_file(payloads, header)
+
+
 def opacities_fading() -> bytes:
     """A tri-plane that takes opacities from one bound to the other, and beyond."""
     gop = make_gop(30, (3, 2, 3), seed=7)
@@ -232,6 +255,7 @@ RANDOM: Mapping[str, Callable[[], bytes]] = {
     "predicted": lambda: make_file(make_chain()),
     "predicted-entropy": lambda: make_file(make_chain((2, 2, 2), 120, 20, pack="entropy")),
     "predicted-branches": lambda: make_file(make_chain((3, 1, 2, 2, 2), references=(0, 1, 0, 1))),
+    "plates": plates,
     "refined": lambda: make_file(
         [make_payload(50, (6, 4, 3), pack="entropy", bits=REFINED, seed=1)]
     ),
