@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.chunk import ChunkEntry
-from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
-from gsvrcodec.bitstream.plate import unpack_plate
+from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError
 from gsvrcodec.limits import Limits

@@ -20,11 +20,12 @@ from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import ATTRIBUTES, CARRIED_ATTRIBUTES, MODE, GopShape
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes, carry_over
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
-from gsvrcodec.planes import PACKS, Codec
+from gsvrcodec.planes import PACKS, Codec, avif
 
 #: Field of `Carried` that each attribute of carried Gaussians is stored from.
 _FIELDS = {a: a.change_of or a.name for a in CARRIED_ATTRIBUTES}
@@ -95,7 +96,7 @@ def pack_gop(
         carried: How the Gaussians of the reference go on; None = key GOP.
         memories: Of planes of the same GOP at other steps, for a quick choice; None = the best.
         blending: How pictures are formed; sums have no opacities.
-        plate: As from `pack_plate`; None = the GOP stores none.
+        plate: Coded picture of the coded size; None = the GOP stores none.
 
     Raises:
         ValueError: A value is not finite or out of the spec's bounds, or timing is inconsistent;
@@ -166,6 +167,20 @@ def unpack_gop(payload: bytes, header: Header | None, limits: Limits) -> GopCont
     return GopContent(
         _gop(values, shape), head.first_frame, pts, durations, head.reference, carried, plate
     )
+
+
+@spec_section("5.7")
+def unpack_plate(data: bytes, size: tuple[int, int] | None = None) -> Plate:
+    """Decode a plate.
+
+    Args:
+        data: As coded.
+        size: Width and height of the coded frame, pixels; None = whatever the picture has.
+
+    Raises:
+        CorruptError: It is not a picture of this size as plates have to be.
+    """
+    return Plate(avif.decode(data, size))
 
 
 def plane_table(

@@ -1,12 +1,10 @@
-"""Plates as they are stored: AVIF (spec section "Plate")."""
+"""Where the plate of a GOP lies in its payload (spec section "Plate")."""
 
 from __future__ import annotations
 
 import struct
 
 from gsvrcodec.errors import CorruptError, spec_section
-from gsvrcodec.model.plate import Plate
-from gsvrcodec.planes import avif
 
 _LENGTH = struct.Struct("<I")
 
@@ -30,17 +28,3 @@ def find_plate(payload: bytes, offset: int) -> tuple[bytes, int]:
     if end > len(payload):
         raise CorruptError(f"plate of {end - begin} bytes where {len(payload) - begin} are left")
     return payload[begin:end], end
-
-
-@spec_section("5.7")
-def unpack_plate(data: bytes, size: tuple[int, int] | None = None) -> Plate:
-    """Decode a plate.
-
-    Args:
-        data: As coded.
-        size: Width and height of the coded frame, pixels; None = whatever the picture has.
-
-    Raises:
-        CorruptError: It is not a picture of this size as plates have to be.
-    """
-    return Plate(avif.decode(data, size))

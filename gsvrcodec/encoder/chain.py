@@ -12,8 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from gsvrcodec.bitstream.gop_payload import unpack_gop
-from gsvrcodec.bitstream.plate import unpack_plate
+from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import encode_gop

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories
-from gsvrcodec.bitstream.gop_payload import pack_gop
-from gsvrcodec.bitstream.plate import unpack_plate
+from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_plate
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import fittable, key_gaussians, most_gaussians
 from gsvrcodec.encoder.results import EncodedGop

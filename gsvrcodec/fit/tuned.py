@@ -61,7 +61,7 @@ class _Plate:
     differing: int = 8  #: difference that is no noise, 8-bit codes
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
     still: float = 0.75  #: least share of the detail of the picture that stands still
-    least_bits: float = 0.4  #: bits a pixel below which Gaussians do better
+    least_bits: float = 1.3  #: bits a pixel below which Gaussians do better
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
     #: the quality is 100 - loss worth^power, with what a bit has to save in each frame
     loss: float = 8.7

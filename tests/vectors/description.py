@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.gop_chain import GopUnpacker, WholeGop
-from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop
-from gsvrcodec.bitstream.plate import unpack_plate
+from gsvrcodec.bitstream.gop_payload import GopContent, unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.attributes import MODE, attributes_of

@@ -1,0 +1,117 @@
+"""Plates from end to end: when a film gets one, what it wins, and what reads it."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gsvrcodec
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.errors import UnsupportedError
+from gsvrcodec.report.spending import spending
+from tests.fit.test_plate import film, texture
+from tests.making import psnr
+
+FILM = film(18)
+
+
+def encoded(**options: Any) -> bytes:
+    settings = {"fps": 30, "preset": "fastest", "workers": 1, "threads": 2, **options}
+    data = gsvrcodec.encode(FILM, None, **settings).data
+    assert data is not None
+    return data
+
+
+def shown(data: bytes, **how: Any) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    with gsvrcodec.open(data, **how) as decoder:
+        return np.stack([frame.data for frame in decoder])
+
+
+@pytest.fixture(scope="module")
+def with_plate() -> bytes:
+    return encoded()
+
+
+def test_texture_that_stands_still_gets_one(with_plate: bytes) -> None:
+    """Better at fewer bytes than without."""
+    without = encoded(plates=False)
+    assert psnr(shown(with_plate), FILM) > psnr(shown(without), FILM)
+    assert len(with_plate) < len(without)
+    with GsvrReader(io.BytesIO(with_plate)) as reader, GsvrReader(io.BytesIO(without)) as other:
+        assert reader.header.plates
+        assert not other.header.plates
+        sizes = {item.name: item.bytes for item in spending(reader)}
+        assert 0 < sizes["plates"] < len(with_plate)
+        assert sum(sizes.values()) == len(with_plate)
+
+
+def test_predicted_gops_have_that_of_their_key_gop(with_plate: bytes) -> None:
+    with gsvrcodec.open(with_plate) as decoder:
+        in_order = shown(with_plate)
+        for number in (17, 0, 9, 17, 3):
+            assert np.array_equal(decoder[number].data, in_order[number])
+    with GsvrReader(io.BytesIO(with_plate)) as reader:
+        assert [gop.is_key for gop in reader.gops] == [True] + [False] * (len(reader.gops) - 1)
+        assert len(reader.gops) > 1
+
+
+def test_the_static_layer_has_it(with_plate: bytes) -> None:
+    static, dynamic = (shown(with_plate, layers=layers) for layers in ("static", "dynamic"))
+    far = np.s_[0, 70:]  # where the box never is
+    assert psnr(static[far], texture()[70:]) > 30
+    assert psnr(dynamic[far], texture()[70:]) < 15
+
+
+def test_sizes(with_plate: bytes) -> None:
+    """Each other size is of the same picture."""
+    with gsvrcodec.open(with_plate) as decoder:
+        for size in ((80, 48), (320, 192), (100, 100)):
+            found = decoder.frames_at([decoder[4].pts], size=size)[0]
+            assert found.shape[1::-1] == size or found.shape[:2] == size[::-1]
+
+
+def test_the_same_in_any_process(with_plate: bytes) -> None:
+    assert encoded(threads=1) == with_plate
+    assert encoded(workers=2, threads=1) == with_plate
+
+
+@pytest.mark.parametrize("options", [{"bpp": 0.2}, {"gaussians": 300}, {"profile": "paper"}])
+def test_only_constant_quality_has_them(options: dict[str, Any]) -> None:
+    if options.get("profile") == "paper":
+        options = {**options, "gaussians": 300}
+    with GsvrReader(io.BytesIO(encoded(**options))) as reader:
+        assert not reader.header.plates
+
+
+def test_streams_announce_them(with_plate: bytes) -> None:
+    """A stream says so before its first GOP is known."""
+
+    class Pipe(io.RawIOBase):
+        def __init__(self) -> None:
+            self.data = b""
+
+        def writable(self) -> bool:
+            return True
+
+        def write(self, data: Any) -> int:
+            self.data += bytes(data)
+            return len(data)
+
+    pipe = Pipe()
+    gsvrcodec.encode(FILM, pipe, fps=30, preset="fastest", workers=1, threads=2)
+    with GsvrReader(io.BytesIO(pipe.data)) as reader:
+        assert reader.header.stream
+        assert reader.header.plates
+    assert np.array_equal(shown(pipe.data), shown(with_plate))
+
+
+def test_older_decoders_refuse_them() -> None:
+    """What is unknown among the flags that must be understood is said with its number."""
+    data = bytearray(encoded())
+    from tests.tampering import patched
+
+    with pytest.raises(UnsupportedError, match="flags 0x00000002"):
+        gsvrcodec.open(patched(bytes(data), b"HEAD", 4, "I", 3))

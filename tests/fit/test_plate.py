@@ -1,0 +1,80 @@
+"""The plate of a key GOP: what it shows, when there is one, how well it is coded."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gsvrcodec.fit.plate import differs, median, pays, quality_at, stands_still, still_picture
+
+Frames = NDArray[np.uint8]
+
+
+def texture(seed: int = 0, width: int = 160, height: int = 96) -> NDArray[np.uint8]:
+    """A picture full of detail, without pixels near black or white."""
+    noise = np.random.default_rng(seed).normal(128, 60, (height, width, 3))
+    return np.asarray(np.clip(cv2.GaussianBlur(noise, (0, 0), 1), 20, 235), np.uint8)
+
+
+def film(count: int = 12, box: int = 24, noise: float = 0.0) -> Frames:
+    """A grey box that goes over a texture from left to right."""
+    frames = np.stack([texture()] * count)
+    for n, frame in enumerate(frames):
+        x = n * (160 - box) // (count - 1)
+        frame[30 : 30 + box, x : x + box] = 128
+    grain = np.random.default_rng(1).normal(0, noise, frames.shape)
+    return np.asarray(np.clip(frames + grain, 0, 255).round(), np.uint8)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 9])
+def test_median(count: int) -> None:
+    pictures = np.random.default_rng(count).integers(0, 256, (count, 7, 5, 3), np.uint8)
+    wanted = np.sort(pictures, axis=0)[count // 2]
+    assert np.array_equal(median(pictures), wanted)
+
+
+def test_what_passes_is_not_in_it() -> None:
+    picture = still_picture(film())
+    assert picture is not None
+    assert np.abs(picture.astype(int) - texture()).mean() < 1
+    assert np.abs(picture.astype(int) - texture()).max() < 40  # where the box was long
+
+
+def test_noise_goes() -> None:
+    picture = still_picture(film(noise=4))
+    assert picture is not None
+    error = np.square(picture.astype(float) - texture()).mean()
+    assert error < np.square(film(noise=4)[0].astype(float) - texture()).mean() / 4
+
+
+def test_a_moving_camera_has_none() -> None:
+    wide = texture(width=300)
+    assert still_picture(np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(12)])) is None
+
+
+def test_one_frame_stands_still() -> None:
+    picture = still_picture(film()[:1])
+    assert picture is not None
+    assert np.array_equal(picture, film()[0])
+
+
+def test_where() -> None:
+    frames = film()
+    still = stands_still(frames, median(frames))
+    assert still[:20].all()
+    assert not differs(frames[0], texture())[60:].any()
+    assert differs(frames[0], texture())[40, 10]
+
+
+def test_quality() -> None:
+    """The less a bit has to save in each frame, the better."""
+    found = [quality_at(worth) for worth in (0.1, 1, 4, 16, 64, 1e6)]
+    assert found == sorted(found, reverse=True)
+    assert 0 == found[-1] < found[0] <= 100
+
+
+def test_smooth_pictures_are_left_to_gaussians() -> None:
+    assert pays(25_000, 100_000)
+    assert not pays(1_000, 100_000)

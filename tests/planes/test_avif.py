@@ -1,0 +1,69 @@
+"""Pictures as AVIF: what comes back, and what is no such picture."""
+
+from __future__ import annotations
+
+import cv2
+import imagecodecs
+import numpy as np
+import pytest
+
+from gsvrcodec.errors import CorruptError
+from gsvrcodec.planes import avif
+from tests.making import colour_bars
+
+PICTURE = cv2.GaussianBlur(colour_bars(160, 96), (0, 0), 3)
+
+
+def test_comes_back() -> None:
+    y, cb, cr = avif.decode(avif.encode(PICTURE, 90), (160, 96)).astype(np.float64)
+    red, blue = y + 1.402 * (cr - 128), y + 1.772 * (cb - 128)
+    assert np.abs(red - PICTURE[..., 0]).mean() < 2
+    assert np.abs(blue - PICTURE[..., 2]).mean() < 2
+
+
+def test_quality() -> None:
+    sizes = [len(avif.encode(PICTURE, quality)) for quality in (20, 60, 95)]
+    assert sizes == sorted(sizes)
+    assert sizes[0] < sizes[2]
+    assert avif.encode(PICTURE, 60) == avif.encode(PICTURE, 60)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 200), (241, 135)])
+def test_odd_sizes(size: tuple[int, int]) -> None:
+    picture = cv2.resize(PICTURE, size)
+    assert avif.decode(avif.encode(picture, 80), size).shape == (3, size[1], size[0])
+    assert avif.decode(avif.encode(picture, 80), None).shape == (3, size[1], size[0])
+
+
+def avif_of(**how: object) -> bytes:
+    return bytes(imagecodecs.avif_encode(PICTURE, level=60, **how))
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (b"", "no AVIF picture"),
+        (b"no picture at all", "no AVIF picture"),
+        (avif.encode(PICTURE, 60)[:200], "no AVIF picture"),
+        (avif.encode(PICTURE[:48], 60), "of 160x48 pixels"),
+        (avif.encode(cv2.resize(PICTURE, (1600, 960)), 60), "no AVIF picture"),
+        (avif_of(pixelformat="420"), "expected 4:4:4"),
+        (avif_of(pixelformat="400"), "expected 4:4:4"),
+        (bytes(imagecodecs.png_encode(PICTURE)), "no AVIF picture"),
+    ],
+    ids=["empty", "text", "cut", "size", "larger", "420", "grey", "PNG"],
+)
+def test_anything_else_fails(data: bytes, says: str) -> None:
+    with pytest.raises(CorruptError, match=says):
+        avif.decode(data, (160, 96))
+
+
+def test_a_changed_byte_raises_our_errors_alone() -> None:
+    data, draw = avif.encode(PICTURE, 40), np.random.default_rng(0)
+    for at in draw.integers(0, len(data), 60).tolist():
+        changed = bytearray(data)
+        changed[at] ^= 1 << draw.integers(8)
+        try:
+            assert avif.decode(bytes(changed), (160, 96)).shape == (3, 96, 160)
+        except CorruptError as error:
+            assert "plate" in str(error)
