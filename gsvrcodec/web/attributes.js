@@ -2,13 +2,10 @@
 
 import { MOST_LOG_OPACITY } from "./reconstruction.js";
 
-/** Floats that the components of all attributes of a grid take: the *slots* of its values. */
+/** Floats of all attributes of a grid: the *slots* of its values. */
 const slotsOf = {};
 
-/**
- * The attributes by number; the components of one take the slots from `slot` on. Slots are the same
- * however pictures are formed; those without a plane hold 0.
- */
+/** The attributes by number. Components have slots from `slot` on; without a plane, these are 0. */
 export const ATTRIBUTES = /** @type {[string, number, string, number, number][]} */ ([
   ["position", 2, "new", -1024, 1024],
   ["log_scale", 2, "new", -32, 13],
@@ -36,35 +33,40 @@ export const ATTRIBUTES = /** @type {[string, number, string, number, number][]}
   return { name, components, grid, low, high, slot };
 });
 
-/** Slots of a Gaussian; the first of them are its look (section 8.3). */
+/** Slots of a Gaussian; the first are its look (section 8.3). */
 export const SLOTS = 14, LOOK_SLOTS = 9;
 /** First slots of the attributes of a Gaussian. */
 export const LOG_SCALE = 2, ROTATION = 4, COLOUR = 5, LOG_OPACITY = 8, INDICATOR = 9, LINEAR = 10;
 export const QUADRATIC = 12;
-/** Channels of a tri-plane; the first of them are all that a film of means stores. */
+/** Channels of a tri-plane; the first are all that means store. */
 export const CHANNELS = 8, MEAN_CHANNELS = 6;
-/** The one of the log-opacity, in a film of means. */
+/** The one of the log-opacity, in means. */
 export const OPACITY_CHANNEL = 5;
 /** Bits of a mode, and the mode of a Gaussian that is dropped (section 5.5). */
 export const MOVED = 1, CHANGED = 2, DROPPED = 4;
 
-/** The attributes of the slots of a Gaussian. */
 const SLOT_ATTRIBUTES = ATTRIBUTES.filter(({ grid }) => grid === "new")
   .flatMap((attribute) => Array(attribute.components).fill(attribute));
 
-/** Clamp a value to the bounds of a slot of a Gaussian. */
+/** Clamp a value to the bounds of a Gaussian's slot. */
 export function bounded(value, slot) {
   const { low, high } = SLOT_ATTRIBUTES[slot];
   return value < low ? low : value > high ? high : value;
 }
 
-/** Return how many components of an attribute have planes, by how pictures are formed. */
+/** Return whether the Gaussian at `at` looks the same in all frames of its GOP (section 8.2). */
+export function isStill(gaussians, at) {
+  const moves = (slot) => gaussians[at + slot] || gaussians[at + slot + 1];
+  return gaussians[at + INDICATOR] === 1 && !moves(LINEAR) && !moves(QUADRATIC);
+}
+
+/** Return how many components of an attribute have planes. */
 export function storedComponents({ name, components }, blending) {
   if (blending === "mean") return components === CHANNELS ? MEAN_CHANNELS : components;
   return name.startsWith("log_opacity") ? 0 : components;
 }
 
-/** Return the grids of a GOP by name: the size of their planes, and how many samples count. */
+/** Return the grids of a GOP by name: size of their planes, and how many samples count. */
 export function gridsOf({ gaussians, grid, carried, dropped, changed, moved }) {
   const [gx, gy, gt] = grid;
   const plane = (width, height, count = width * height) =>

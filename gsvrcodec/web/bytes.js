@@ -2,7 +2,7 @@
 
 import { check, CorruptError } from "./errors.js";
 
-/** Four tables of the CRC: table n holds what a byte does to the CRC n bytes later. */
+/** Four tables: what a byte does to the CRC 0 to 3 bytes later. */
 const CRC_TABLES = new Int32Array(1024).fill(0).map((_, byte) => {
   for (let bit = 0; bit < 8; bit++) byte = byte >>> 1 ^ (byte & 1 ? 0xEDB88320 : 0);
   return byte;
@@ -77,7 +77,7 @@ export class Cursor {
     throw new CorruptError("a varint has over 9 bytes.");
   }
 
-  /** A varint of at most 32 bits, as in the heads of planes. */
+  /** A varint of at most 32 bits. */
   varint32() {
     const value = this.varint();
     check(value < 2n ** 32n, "a varint has over 32 bits.");
@@ -85,12 +85,12 @@ export class Cursor {
   }
 }
 
-/** Map 0, 1, 2, 3, 4 to 0, -1, 1, -2, 2 and so on. */
+/** Map 0, 1, 2, 3, 4 to 0, -1, 1, -2, 2. */
 export function unzigzag(value) {
   return value >>> 1 ^ -(value & 1);
 }
 
-/** Return the CRC of bytes; `crc` is that of the bytes before them. */
+/** Return the CRC of bytes; `crc` is that of those before. */
 export function crc32(bytes, crc = 0) {
   const T = CRC_TABLES, whole = bytes.length & ~3;
   let c = ~crc, i = 0;

@@ -3,11 +3,10 @@
 import { View } from "./view.js";
 
 const MOST_ZOOM = 64;
-/** Longest side at which a picture is rendered, pixels. */
+/** Longest side of a picture, pixels. */
 const MOST_SIDE = 32768;
 
 export class Camera {
-  /** `header` is that of the film. */
   constructor(header) {
     this.header = header;
     const [width, height] = header.sampleAspect;
@@ -28,7 +27,7 @@ export class Camera {
     return Math.min(fit * this.zoom, MOST_SIDE / Math.max(...this.size));
   }
 
-  /** Zoom about a place of the screen. `place` and `screen` are in the same unit. */
+  /** Zoom about a place of the screen, in its unit. */
   zoomAt(place, factor, screen) {
     const zoom = Math.min(Math.max(this.zoom * factor, 1), MOST_ZOOM);
     const before = this.scale(screen);
@@ -48,7 +47,6 @@ export class Camera {
     });
   }
 
-  /** Return how the picture lies on a screen of some size, pixels. */
   view(screen) {
     const scale = this.scale(screen);
     const frame = this.size.map((side) => Math.max(1, Math.round(side * scale)));

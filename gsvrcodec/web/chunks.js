@@ -27,7 +27,7 @@ export function isType(type) {
   return /^[A-Za-z]{4}$/.test(type);
 }
 
-/** Refuse a chunk that a decoder must know, and this one does not. */
+/** Refuse an unknown critical chunk. */
 export function refuseUnknown({ type, offset }) {
   if (type[0] < "a" && type !== "HEAD" && type !== "GOPD") {
     throw new UnsupportedError(`The chunk ${type} at byte ${offset} is needed, but not known.`);
@@ -41,7 +41,7 @@ export async function readChunkHead(source, offset) {
   return parseHead(await source.read(offset, HEAD_BYTES), offset, source.size);
 }
 
-/** Return the payload of a chunk; its head must be as `chunk` says, and its CRC right. */
+/** Return the payload of a chunk, which must be as `chunk` says. */
 export async function readPayload(source, chunk) {
   const { type, offset, length } = chunk, end = HEAD_BYTES + length;
   const bytes = await source.read(offset, length > LIMITS.chunkBytes ? HEAD_BYTES : end + 4);

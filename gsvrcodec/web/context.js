@@ -6,7 +6,7 @@ import { RangeCoder } from "./range_coder.js";
 
 const TOKENS = 256, SLOT_BITS = 12, CONTEXT_SLOTS = 1 << SLOT_BITS;
 const MOST_LEVEL = 49;
-/** Instead of a count of plain bits: the token must not occur. */
+/** Instead of a count of bits: the token must not occur. */
 const NO_TOKEN = 255;
 
 /** Decode a plane into `samples`, a Uint16Array in raster order. */
@@ -50,7 +50,7 @@ function readContextHead(cursor, { grid }) {
   return { columns: guided ? guide(grid) : null, terms, bias, weights, direct, top, thresholds };
 }
 
-/** Return the column m of the neighbour above of each sample, as position.x chooses it. */
+/** Return the column m of the neighbour above each sample, by position.x. */
 function guide(grid) {
   const { width, height, planes: [{ samples }] } = grid;
   if (grid.columns) return grid.columns;
@@ -64,7 +64,7 @@ function guide(grid) {
   return grid.columns;
 }
 
-/** Read the frequencies of the tokens of a context; their sum is that of its slots. */
+/** Read the frequencies of the tokens of a context, which fill its slots. */
 function readFrequencies(coder) {
   const level = new Int32Array(TOKENS), sum = (total, n) => total + n;
   const count = coder.bits(8) + 1;
@@ -84,14 +84,14 @@ function readFrequencies(coder) {
   return frequency;
 }
 
-/** Write into each slot its token, its number in the token, and the token's frequency minus 1. */
+/** Write into each slot its token, its number there, and the token's frequency minus 1. */
 function fillSlots(slots, start, frequency) {
   for (let t = 0, at = start; t < TOKENS; t++) {
     for (let i = 0; i < frequency[t]; i++) slots[at++] = t << 24 | i << 12 | frequency[t] - 1;
   }
 }
 
-/** Return by token the count of its plain bits, and the number that it is if these are 0. */
+/** Return by token the count of its plain bits, and its number if these are 0. */
 function divideTokens({ direct, top }) {
   const plain = new Uint8Array(TOKENS), base = new Int32Array(TOKENS);
   for (let t = 0; t < TOKENS; t++) {
@@ -103,7 +103,7 @@ function divideTokens({ direct, top }) {
   return { plain, base };
 }
 
-/** Return the contexts by `around`, up to the last threshold. */
+/** Return contexts by `around`. */
 function contextTable(thresholds) {
   const table = new Uint8Array((thresholds.at(-1) ?? 0) + 1);
   thresholds.forEach((threshold, i) => table.fill(i + 1, threshold));
@@ -111,8 +111,8 @@ function contextTable(thresholds) {
 }
 
 /**
- * Decode the samples, row by row. d and |e| of section 6 are kept for two rows. These have a cell
- * more on the left and two on the right, copies of the outermost, so that no neighbour is missing.
+ * Decode the samples. d and |e| of section 6 are kept for two rows, which have a cell more on the
+ * left and two on the right, copies of the outermost: no neighbour is missing.
  */
 function decodeErrors(coder, { bits, grid: { width, height } }, head, slots, samples) {
   const { columns, terms, bias } = head, [v0, v1, v2, v3, v4, v5] = head.weights;

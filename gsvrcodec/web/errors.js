@@ -1,9 +1,9 @@
-/** Errors of a film (section 1). Each message is a sentence for a person. */
+/** Errors (section 1). Each message is a sentence for a person. */
 
-/** A failure that is told to the user: of the film, the network, or the browser. */
+/** A failure of the film, the network, or the browser. */
 export class GsvrError extends Error {
   name = "GsvrError";
-  /** Whether `Film.open` with `keepGoing` may still find GOPs; of broken rules alone. */
+  /** Whether `Film.open` with `keepGoing` may find GOPs. */
   recoverable = false;
 }
 
@@ -12,7 +12,7 @@ export class CorruptError extends GsvrError {
   name = "CorruptError";
 }
 
-/** The film needs a feature or a size that this decoder does not have. */
+/** The film needs a feature or a size that is not there. */
 export class UnsupportedError extends GsvrError {
   name = "UnsupportedError";
 }
@@ -22,7 +22,7 @@ export function check(condition, message) {
   if (!condition) throw new CorruptError(message);
 }
 
-/** Return an error with the place of the fault before its sentence. */
+/** Put the place of an error before its sentence. */
 export function located(error, place) {
   if (error instanceof GsvrError) {
     error.message = `${place}: ${error.message[0].toLowerCase()}${error.message.slice(1)}`;
@@ -30,12 +30,12 @@ export function located(error, place) {
   return error;
 }
 
-/** Whether an error tells of the film, and not, for example, of the network. */
+/** Whether an error is of the film. */
 export function isFault(error) {
   return error instanceof CorruptError || error instanceof UnsupportedError;
 }
 
-/** Return what a promise gives, or the CorruptError that it fails with. */
+/** Return what a promise gives, or its CorruptError. */
 export async function orFault(promise) {
   try {
     return await promise;

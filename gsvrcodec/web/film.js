@@ -18,16 +18,13 @@ import { TakenOut } from "./taken_out.js";
 import { walk } from "./walk.js";
 
 const MOST_HEADER_BYTES = 4096;
-/** Bytes of decoded GOPs that are remembered, besides the last one. */
+/** Bytes of GOPs that are remembered, besides the last one. */
 const MEMORY_BYTES = 2 ** 26;
-/** Instead of the number of a reference: there is none, or it is not in the file. */
+/** As references: there is none, or it is not in the film. */
 const KEY = -1, MISSING = -2;
 
-/** A film: opened, and its GOPs decoded as they are asked for. */
 export class Film {
-  /** Decoded GOPs, or their errors, by number; the longest unused one first. */
-  #known = new Map();
-  #bytes = 0;
+  #known = new Map(); // GOPs, or their errors, by number; the longest unused one first
   #chunks = [];
   #others = [];
   #takenOut = null;
@@ -38,8 +35,8 @@ export class Film {
   }
 
   /**
-   * Open a film. A CorruptError with `recoverable` says that it may be opened again with
-   * `keepGoing`, which takes the sound GOPs of a damaged file.
+   * Open a film. After a CorruptError with `recoverable` it may be opened with `keepGoing`, which
+   * takes the sound GOPs of a damaged file.
    */
   static async open(source, { keepGoing = false } = {}) {
     const film = new Film(source);
@@ -54,40 +51,44 @@ export class Film {
   }
 
   /**
-   * Decode GOP `k`. The result is shared and must not be changed: `pts` (Float64Array, ticks after
-   * the first one of the GOP), `gaussians` (Float32Array, 14 floats each in the order of section
-   * 5.4, those carried over included), `grids` (null, or `size` [Gx, Gy, Gt] and the Float32Arrays
-   * `xy`, `xt` and `yt`, rows x columns x 8 channels), `blending`, that of the header, and for each
+   * Decode GOP `k`. The result is shared and must not be changed: `pts`, ticks after the first one
+   * of the GOP; `gaussians`, 14 floats each in the order of section 5.4, those carried over
+   * included; `grids`, null, or `size` [Gx, Gy, Gt] and `xy`, `xt` and `yt`, rows x columns x 8
+   * channels; `plate`, if any, the number of the GOP that stores it; `blending`; and for each
    * Gaussian whether it is `moving`, and whether it is `out` (null if none is).
    */
   async gop(k) {
-    const gop = await this.#decoded(k), { pts, gaussians, grids, blending } = gop;
-    const out = this.#takenOut.mask(k, gop);
-    return { pts, gaussians, moving: this.#moving(gaussians), out, grids, blending };
+    const gop = await this.#decoded(k), { pts, gaussians, grids, plate, blending } = gop;
+    const out = this.#takenOut.mask(k, gop), moving = this.#moving(gaussians);
+    return { pts, gaussians, moving, out, grids, plate: plate?.number, blending };
   }
 
-  /** Return the passage from GOP `k` to the next; null if that is not predicted from it. */
+  /** Return the plate of GOP `k`, as `decodePlate` does, with the `number` of its GOP. */
+  async plate(k) {
+    return (await this.#decoded(k)).plate;
+  }
+
+  /** Return the passage from GOP `k` to the next, which is predicted from it. */
   async passage(k) {
-    if (this.gops[k + 1]?.reference !== k) return null;
     const before = await this.#decoded(k), after = await this.#decoded(k + 1);
     const joined = (mask, next) =>
       Uint8Array.from([...next, ...mask.filter((_, n) => after.modes[n] === DROPPED)]);
     const masks = [[k, before], [k + 1, after]].map(([i, gop]) => this.#takenOut.mask(i, gop));
     return {
       ...passageBetween(before, after), out: masks[0] && joined(...masks),
+      plate: after.plate?.number,
       moving: joined(this.#moving(before.gaussians), this.#moving(after.gaussians)),
     };
   }
 
   /**
-   * Take out what moves at a place [x, y], -1 to 1, of GOP `k` at the time `tau`: it is `out` in
-   * all GOPs from then on. Return how many Gaussians it has, 0 if nothing moves there.
+   * Take out what moves at a place [x, y], -1 to 1, of GOP `k` at the time `tau`, for all GOPs.
+   * Return how many Gaussians it has.
    */
   async takeOut(k, tau, place) {
     return this.#takenOut.add(k, await this.#decoded(k), tau, place);
   }
 
-  /** Bring all back that was taken out. */
   async bringBack() {
     this.#takenOut.clear();
   }
@@ -96,18 +97,18 @@ export class Film {
     return findMoving(gaussians, this.header.width, this.header.height);
   }
 
-  /** Return the copied streams that are sound: `{ bytes, type, tags, disposition }` each. */
+  /** Return the sound copied streams: `{ bytes, type, disposition }` each. */
   async sounds() {
     const { streams = [] } = await this.metadata(), found = [];
     const chunks = this.#others.filter(({ type }) => type === "strm");
     for (const [i, chunk] of chunks.entries()) {
       const stream = await this.#soundOnly(readStream(this.source, chunk));
-      if (stream) found.push({ tags: {}, disposition: 0, ...streams[i], ...stream });
+      if (stream) found.push({ disposition: 0, ...streams[i], ...stream });
     }
     return found;
   }
 
-  /** Return the object of the chunk `meta`, empty without a sound one. */
+  /** Return the object of the chunk `meta`; empty without a sound one. */
   async metadata() {
     const chunk = this.#others.find(({ type }) => type === "meta");
     return (chunk && await this.#soundOnly(readMetadata(this.source, chunk))) ?? {};
@@ -141,12 +142,11 @@ export class Film {
     return chunks;
   }
 
-  /** Describe the GOPs; find their references, and check the length of chains. */
+  /** Describe the GOPs; check the length of chains. */
   #listGops() {
     const { firstPts: origin } = this.#chunks[0].summary, places = new Map();
     let number = 0;
-    /** The timestamp from which those of `gops` are counted, ticks. */
-    this.origin = Number(origin);
+    this.origin = Number(origin); // from which `gops` count their ticks
     this.gops = this.#chunks.map((chunk, k) => {
       const { firstFrame, frames, gaussians, distance, ...times } = chunk.summary;
       const reference = distance ? places.get(firstFrame - BigInt(distance)) ?? MISSING : KEY;
@@ -163,7 +163,7 @@ export class Film {
     });
   }
 
-  /** Warn of faults that the film is decoded in spite of. */
+  /** Warn of harmless faults. */
   #compareCounts() {
     const { firstFrame, frames } = this.gops.at(-1);
     const found = { frames: firstFrame + frames, gops: this.gops.length };
@@ -179,7 +179,7 @@ export class Film {
     }
   }
 
-  /** Return what the reader of an auxiliary chunk gives; null, and a warning, if it fails. */
+  /** Return what the reader of an auxiliary chunk gives; if it fails, warn, and return null. */
   async #soundOnly(promise) {
     try {
       return await promise;
@@ -190,7 +190,7 @@ export class Film {
     }
   }
 
-  /** Return a GOP with the Gaussians that it carries over. */
+  /** Return a GOP with what it takes over. */
   async #decoded(k) {
     if (!this.gops[k]) throw new GsvrError(`The film has no GOP ${k}.`);
     const chain = [];
@@ -211,7 +211,7 @@ export class Film {
     return gop;
   }
 
-  /** Decode a GOP, whose `reference`, if it has one, is decoded already. */
+  /** Decode a GOP, whose `reference` is decoded already, or null. */
   async #unpack(k, reference) {
     const chunk = this.#chunks[k], { summary, chainBytes, number } = chunk;
     const payload = await readPayload(this.source, chunk);
@@ -223,7 +223,8 @@ export class Film {
       const own = await unpackGop(payload, this.header);
       const gop = reference ? carryOver(own, reference) : own;
       const fresh = own.gaussians.length / SLOTS;
-      return { ...gop, fresh, numbers: numbersOf(gop, reference, number) };
+      const plate = own.plate ? { ...own.plate, number: k } : reference?.plate;
+      return { ...gop, fresh, plate, numbers: numbersOf(gop, reference, number) };
     } catch (error) {
       throw located(error, this.#place(k));
     }
@@ -241,29 +242,24 @@ export class Film {
   }
 
   #remember(k, gop) {
-    this.#forget(k);
+    this.#known.delete(k);
     for (const unused of this.#known.keys()) {
-      if (this.#bytes <= MEMORY_BYTES) break;
-      this.#forget(unused);
+      if (sizeOf(this.#known.values()) <= MEMORY_BYTES) break;
+      this.#known.delete(unused);
     }
     this.#known.set(k, gop);
-    this.#bytes += sizeOf(gop);
-  }
-
-  #forget(k) {
-    this.#bytes -= sizeOf(this.#known.get(k) ?? {});
-    this.#known.delete(k);
   }
 }
 
-/** Return a number of each Gaussian, the same in all GOPs; those of new ones start at `first`. */
+/** Number Gaussians alike in all GOPs, new ones from `first` on. */
 function numbersOf({ gaussians, modes }, reference, first) {
   const kept = reference ? reference.numbers.filter((_, n) => modes[n] !== DROPPED) : [];
   return Float64Array.from({ length: gaussians.length / SLOTS }, (_, n) => kept[n] ?? first + n);
 }
 
-/** Return the bytes of a decoded GOP; 0 of an error. */
-function sizeOf({ gaussians, modes, numbers, grids }) {
-  const arrays = [gaussians, modes, numbers, ...Object.values(grids ?? {})];
-  return arrays.reduce((sum, array) => sum + (array?.byteLength ?? 0), 0);
+/** Return the bytes of GOPs, which may share plates; errors have none. */
+function sizeOf(gops) {
+  const arrays = new Set([...gops].flatMap(({ gaussians, modes, numbers, grids, plate }) =>
+    [gaussians, modes, numbers, plate?.texels, ...Object.values(grids ?? {})]));
+  return [...arrays].reduce((sum, array) => sum + (array?.byteLength ?? 0), 0);
 }

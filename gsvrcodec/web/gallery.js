@@ -8,7 +8,6 @@ import { clockText, tauOf, Timeline } from "./timeline.js";
 /** Longer side of the pictures, pixels. */
 const SIDE = 440;
 
-/** Return an entry of the list, and where its picture and its facts go. */
 function makeEntry({ name, url, bytes }) {
   const entry = document.createElement("li");
   const link = entry.appendChild(document.createElement("a"));
@@ -20,7 +19,7 @@ function makeEntry({ name, url, bytes }) {
   return { entry, canvas, facts };
 }
 
-/** Draw the first picture of a film, and say how long and large it is. */
+/** Draw the first picture of a film, and tell its length and size. */
 async function drawFirst(renderer, url, { canvas, facts }) {
   const film = new RemoteFilm();
   try {

@@ -1,4 +1,4 @@
-/** Taps, drags, pinches and the wheel on an element, for fingers and mice alike. */
+/** Taps, drags, pinches and the wheel, of fingers and mice. */
 
 /** Pixels that a tap may move. */
 const TAP = 6;
@@ -40,7 +40,7 @@ export class Gestures {
       if (this.moved > TAP) this.actions.drag(distance);
       return;
     }
-    // Two fingers: the middle between them moves the picture, the distance zooms it.
+    // Of two fingers, the middle moves the picture, the distance zooms it.
     const other = others[0][1];
     const length = (place) => Math.max(1, Math.hypot(place[0] - other[0], place[1] - other[1]));
     const middle = [(after[0] + other[0]) / 2, (after[1] + other[1]) / 2];

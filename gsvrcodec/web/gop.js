@@ -6,22 +6,21 @@ import { CODECS, IMAGE_CODECS } from "./codecs.js";
 import { check, CorruptError, located } from "./errors.js";
 import { readGopHead, readTiming } from "./gop_head.js";
 import { allocate, limit, limitExpansion } from "./limits.js";
+import { decodePlate } from "./plate.js";
 import { dequantise, readPlaneTable } from "./plane_table.js";
 import { refine } from "./refinement.js";
 
 /**
- * Return what a GOP itself stores:
- * `{ pts, gaussians, grids, modes, changes, motions, blending }`.
- *
- * `pts` are ticks after the first timestamp; `gaussians` the new ones, 14 floats each; `grids` the
- * tri-plane, `{ size, xy, xt, yt }` of 8 channels, or null; `modes` one of each Gaussian of the
- * reference, or null in a key GOP; `changes` 9 floats of each changed Gaussian, `motions` 5 of each
- * moved one. Floats are in the order of section 5.4; those that the film has no planes of are 0.
+ * Return what a GOP itself stores: `pts`, `grids` and `blending` as in `Film.gop`; `gaussians`, the
+ * new ones; `modes`, one of each Gaussian of the reference, null in a key GOP; `changes`, 9 floats
+ * of each changed Gaussian, `motions`, 5 of each moved one; `plate`, of `decodePlate`, or null.
+ * Floats are in the order of section 5.4; those without planes are 0.
  */
 export async function unpackGop(payload, header) {
   const cursor = new Cursor(payload);
   const head = readGopHead(cursor, header);
   const pts = readTiming(cursor, head);
+  const coded = head.plate ? cursor.take(cursor.u32()) : null;
   const grids = gridsOf(head);
   const planes = readPlaneTable(cursor, head.planes, grids, header.blending);
   const plain = !planes.some(({ codec }) => IMAGE_CODECS.includes(codec));
@@ -37,11 +36,13 @@ export async function unpackGop(payload, header) {
   refine(cursor, grids.new);
   const modes = new Uint8Array(grids.reference.values);
   checkModes(modes, head);
+  const plate = coded && await decodePlate(coded, header);
   const [xy, xt, yt] = [grids.xy, grids.xt, grids.yt].map(({ values }) => values);
   return {
     pts, gaussians: grids.new.values, grids: head.grid[0] ? { size: head.grid, xy, xt, yt } : null,
     modes: head.distance ? modes : null,
-    changes: grids.changed.values, motions: grids.moved.values, blending: header.blending,
+    changes: grids.changed.values, motions: grids.moved.values, plate,
+    blending: header.blending,
   };
 }
 
@@ -59,7 +60,7 @@ async function decodePlane(cursor, plane) {
   dequantise(plane);
 }
 
-/** Check that there are as many modes of each kind as the head says (section 5.5). */
+/** Check that modes are as many as the head says (section 5.5). */
 function checkModes(modes, { dropped, changed, moved }) {
   const count = (bit) => modes.reduce((sum, mode) => sum + (mode & bit ? 1 : 0), 0);
   const known = modes.every((mode) => mode <= DROPPED);

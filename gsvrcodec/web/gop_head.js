@@ -5,7 +5,7 @@ import { limit } from "./limits.js";
 
 export const SUMMARY_BYTES = 44;
 const GOP_HEAD_BYTES = 72;
-/** Bound of timestamps, durations and frame numbers; bound of the ticks that a GOP spans. */
+/** Bounds of timestamps, durations and frame numbers, and of the ticks that a GOP spans. */
 const MOST_TICKS = 2n ** 62n, MOST_SPAN = 2n ** 52n;
 
 /** Read the summary of a GOP; check the rules that need no other GOP. */
@@ -26,14 +26,16 @@ export function readSummary(cursor) {
 export function readGopHead(cursor, header) {
   const summary = readSummary(cursor), { gaussians, frames, distance } = summary;
   const bytes = cursor.u16(), planes = cursor.u16();
-  const grid = [cursor.u16(), cursor.u16(), cursor.u16()], reserved = cursor.u16();
+  const grid = [cursor.u16(), cursor.u16(), cursor.u16()], plate = cursor.u16();
   const carried = cursor.u32(), dropped = cursor.u32();
   const changed = cursor.u32(), moved = cursor.u32();
   const newer = header.version[1] > 0 && bytes > GOP_HEAD_BYTES;
   check(newer || bytes === GOP_HEAD_BYTES, `its head has ${bytes} bytes.`);
   cursor.skip(bytes - GOP_HEAD_BYTES);
   const flat = grid.includes(0) && grid.some(Boolean);
-  check(!flat && reserved === 0, "its tri-plane is flat, or a reserved field not zero.");
+  check(!flat, "its tri-plane is flat.");
+  const allowed = header.plates && !distance ? 1 : 0;
+  check(plate <= allowed, "it has a plate where none may be.");
   const most = Math.max(gaussians, carried), kept = carried - dropped;
   const agree = (distance || !carried) && kept >= 0 && kept <= gaussians
     && changed <= kept && moved <= kept;
@@ -43,10 +45,10 @@ export function readGopHead(cursor, header) {
   check(small, "it exceeds a maximum of the header.");
   limit("gaussians", most, "its number of Gaussians");
   limit("gopFrames", frames, "its number of frames");
-  return { ...summary, planes, grid, carried, dropped, changed, moved };
+  return { ...summary, planes, plate, grid, carried, dropped, changed, moved };
 }
 
-/** Read the timing; return the timestamp of each frame, ticks after the first one. */
+/** Read the timing; return timestamps, ticks after the first one. */
 export function readTiming(cursor, { frames, firstPts, lastPts, lastDuration }) {
   const pts = new Float64Array(frames);
   let done = 0, time = firstPts, last = time, duration = 0n;

@@ -2,7 +2,6 @@
 
 import { GsvrError } from "./errors.js";
 
-/** A linked program with the places of its uniforms. */
 export class Program {
   constructor(gl, vertex, fragment) {
     this.gl = gl;
@@ -23,7 +22,7 @@ export class Program {
     this.places = new Map();
   }
 
-  /** Use the program with uniforms: `{ name: [function of WebGL, ...values] }`. */
+  /** Use the program; uniforms are `{ name: [function of WebGL, ...values] }`. */
   use(uniforms) {
     const { gl } = this;
     gl.useProgram(this.program);
@@ -36,10 +35,10 @@ export class Program {
   }
 }
 
-/** The unit of textures while they are made; no program reads from it. */
+/** The unit of textures while they are made. */
 const WORKBENCH = 7;
 
-/** A texture that is read texel by texel; `values` are four floats a texel, or null. */
+/** A texture that is read texel by texel, of `values`, four floats or bytes each, or null. */
 export function makeTexture(gl, format, width, height, values = null) {
   if (Math.max(width, height) > gl.getParameter(gl.MAX_TEXTURE_SIZE)) {
     throw new GsvrError(`A table of ${width}x${height} is too large for this device.`);
@@ -51,12 +50,12 @@ export function makeTexture(gl, format, width, height, values = null) {
     gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
   }
   if (values) {
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RGBA, gl.FLOAT, values);
+    const type = values instanceof Uint8Array ? gl.UNSIGNED_BYTE : gl.FLOAT;
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RGBA, type, values);
   }
   return texture;
 }
 
-/** Bind a texture to a unit. */
 export function bindTexture(gl, unit, texture) {
   gl.activeTexture(gl.TEXTURE0 + unit);
   gl.bindTexture(gl.TEXTURE_2D, texture);
@@ -71,7 +70,6 @@ export class Quads {
     this.count = 0;
   }
 
-  /** Be ready to draw so many. */
   reserve(count) {
     if (count <= this.count) return;
     const { gl } = this;
@@ -96,7 +94,7 @@ export class Quads {
   }
 }
 
-/** A texture to draw sums into. It grows, and only its first columns and rows may be in use. */
+/** A texture to draw sums into. It grows; its first columns and rows are in use. */
 export class Target {
   constructor(gl, format) {
     this.gl = gl;
@@ -107,7 +105,7 @@ export class Target {
     this.size = [0, 0];
   }
 
-  /** Set the size in use, make the target black, and direct later drawing into it. */
+  /** Set the size in use, make the target black, and direct drawing into it. */
   begin(width, height) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
@@ -120,17 +118,10 @@ export class Target {
         gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture, 0);
     }
     this.size = [width, height];
-    this.draw();
+    gl.viewport(0, 0, width, height);
+    gl.scissor(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
-  }
-
-  /** Direct later drawing into the target; it is added up. */
-  draw() {
-    const { gl } = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
-    gl.viewport(0, 0, ...this.size);
-    gl.scissor(0, 0, ...this.size);
   }
 
   dispose() {
@@ -139,10 +130,7 @@ export class Target {
   }
 }
 
-/**
- * Return the format of targets: 32-bit floats where the device adds them up, else 16-bit ones.
- * Throws `GsvrError` if it can do neither.
- */
+/** Return the format of targets: 32-bit floats where the device adds them up, else 16-bit ones. */
 export function targetFormat(gl, wantedBits = 32) {
   const floats = gl.getExtension("EXT_color_buffer_float");
   if (wantedBits === 32 && floats && gl.getExtension("EXT_float_blend")) {

@@ -9,10 +9,7 @@ import { limit } from "./limits.js";
 const ENTRY_BYTES = 56;
 const END_CHUNK_BYTES = OVERHEAD_BYTES + 16;
 
-/**
- * Return the chunks between the header, which ends at byte `start`, and the index; GOPs with their
- * `summary`. If the index is not valid, that is a CorruptError.
- */
+/** Return the chunks from byte `start` to the index, GOPs with their `summary`. */
 export async function readIndex(source, start) {
   const { size } = source, stop = size - END_CHUNK_BYTES;
   const end = stop < start ? null : await orFault(readChunkHead(source, stop));
@@ -50,7 +47,7 @@ function parseEntries(payload, start, stop) {
   return chunks;
 }
 
-/** Check that a GOP comes directly after the `last` one, and its reference before. */
+/** Check that a GOP follows the `last` one, and its reference comes before. */
 function follow(summary, last, firstFrames) {
   const { firstFrame, firstPts, distance } = summary;
   const next = firstFrame === (last?.endFrame ?? 0n) && (!last || firstPts > last.lastPts);

@@ -3,12 +3,12 @@
 import { check } from "./errors.js";
 import { allocate } from "./limits.js";
 
-/** Bytes that are given to the inflater at a time, so that little comes out at a time. */
+/** Bytes that are inflated at a time, so that little comes out. */
 const PIECE_BYTES = 4096;
 
 let strict = null; // what findsLeftovers found
 
-/** Inflate a stream, "deflate" (zlib) or "deflate-raw", which must fill `bytes` and give `size`. */
+/** Inflate "deflate" (zlib) or "deflate-raw", which must fill `bytes` and give `size`. */
 export async function inflate(bytes, format, size) {
   const result = await attempt(bytes, format, size);
   check(result, "its deflate stream is damaged, or has a wrong length.");
@@ -20,13 +20,13 @@ export async function inflate(bytes, format, size) {
   return result;
 }
 
-/** Return whether the inflater refuses bytes behind the end of a stream, as not all of them do. */
+/** Return whether the browser refuses bytes behind a stream. */
 function findsLeftovers() {
   strict ??= attempt(Uint8Array.of(3, 0, 0), "deflate-raw", 0).then((result) => !result);
   return strict;
 }
 
-/** Return what a stream inflates to; null if it is broken, or has another size. */
+/** Return what a stream inflates to; null if it is broken or of another size. */
 async function attempt(bytes, format, size) {
   const result = allocate(Uint8Array, size);
   let from = 0, to = 0;

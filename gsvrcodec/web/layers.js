@@ -2,10 +2,10 @@
 
 import { LINEAR, LOG_SCALE, SLOTS } from "./attributes.js";
 
-/** Least way of a moving Gaussian against the median motion, in longer sides of the frame. */
+/** Least way of a moving Gaussian against the median motion, in longer sides. */
 export const LEAST_WAY = 1 / 160;
 
-/** The weighted median: the least value that half of the weights reach. */
+/** The least value that half of the weights reach. */
 function median(values, weights) {
   const order = Uint32Array.from(values.keys()).sort((one, other) => values[one] - values[other]);
   const half = weights.reduce((sum, weight) => sum + weight, 0) / 2;
@@ -14,10 +14,7 @@ function median(values, weights) {
   return values[order[at]];
 }
 
-/**
- * Return 1 for each Gaussian whose polynomial takes it away from the median motion, else 0. The
- * motion of half of the area is taken for that of the camera.
- */
+/** Return 1 for each Gaussian that moves against the median, taken for the camera's, else 0. */
 export function findMoving(gaussians, width, height) {
   const count = gaussians.length / SLOTS;
   const areas = Float64Array.from({ length: count }, (_, n) =>

@@ -1,4 +1,4 @@
-/** Limits on the content of a film (section 12); content over a limit is unsupported. */
+/** Limits on a film (section 12); what is over them is unsupported. */
 
 import { UnsupportedError } from "./errors.js";
 
@@ -21,12 +21,12 @@ export function limit(name, number, what, most = LIMITS[name]) {
   if (number > most) throw new UnsupportedError(`${what} is ${number}, over the limit of ${most}.`);
 }
 
-/** Check how many numbers of 4 bytes come out of so many bytes. */
+/** Check how many numbers of 4 bytes come out of bytes. */
 export function limitExpansion(numbers, bytes) {
   limit("", 4 * numbers, "its unpacked size", EXPANSION_BASE + EXPANSION_RATIO * bytes);
 }
 
-/** Return a typed array; the memory of the browser is a limit, too. */
+/** Return a typed array; memory is a limit, too. */
 export function allocate(Type, length) {
   try {
     return new Type(length);

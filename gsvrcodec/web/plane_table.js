@@ -6,8 +6,8 @@ import { CODECS } from "./codecs.js";
 import { check, UnsupportedError } from "./errors.js";
 
 /**
- * Read the plane table; `blending` says how pictures are formed. The value of sample n of a plane,
- * `offset` + q `step`, will stand at n * `grid.slots` + `slot` in the values of its grid.
+ * Read the plane table. The value of sample n of a plane, `offset` + q `step`, will stand at
+ * n * `grid.slots` + `slot` in the values of its grid.
  */
 export function readPlaneTable(cursor, count, grids, blending) {
   const entries = Array.from({ length: count }, () => {
@@ -40,12 +40,12 @@ function placed(entry, { attribute, component }, grids) {
   return { ...entry, name: label, grid: grids[grid], slot: slot + component };
 }
 
-/** Put the values of a plane, without padding, into those of its grid. */
+/** Put the values of a plane into those of its grid. */
 export function dequantise({ grid: { values, slots, count }, slot, samples, offset, step }) {
   for (let n = 0, at = slot; n < count; n++, at += slots) values[at] = offset + samples[n] * step;
 }
 
-/** Return the value of a sample q of a plane of new Gaussians that `k` bits `r` refine. */
+/** Return the value of a sample q that `k` bits `r` refine. */
 export function refinedValue({ offset, step, slot }, q, k, r) {
   const parts = 2 << k;
   return bounded(Math.fround(offset + (q * parts + 2 * r + 1 - (1 << k)) * (step / parts)), slot);

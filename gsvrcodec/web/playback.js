@@ -8,7 +8,7 @@ import { openSound } from "./sound.js";
 import { Stage } from "./stage.js";
 import { clockText, Timeline } from "./timeline.js";
 
-/** Milliseconds between two readings of the clock while the film plays: to show it costs time. */
+/** Milliseconds between showings of the time. */
 const CLOCK_STEP = 100;
 
 export class Player {
@@ -49,11 +49,7 @@ export class Player {
 
   /** Fetch what the first picture can do without. */
   async openRest(film) {
-    try {
-      await film.gop(0);
-    } catch {
-      // It is told when the picture is drawn.
-    }
+    await film.gop(0).catch(() => {}); // told when the picture is drawn
     try {
       const { film: { title } = {} } = await film.metadata();
       if (film === this.film && title) document.title = `${title} - gsvrplay`;
@@ -92,7 +88,7 @@ export class Player {
     page.facts.textContent = "";
   }
 
-  /** Show one sentence over the picture; `recover` is what its button does, if it has one. */
+  /** Show a sentence over the picture; `recover` is what its button does, if it has one. */
   say(sentence, recover = null) {
     if (sentence === this.said) return;
     this.said = sentence;
@@ -106,7 +102,6 @@ export class Player {
     this.isDirty = true;
   }
 
-  /** Start anew on a device that was lost. */
   restore() {
     this.stage.restore();
     this.pace = new Pace(this.stage.renderer.gl);
@@ -169,7 +164,7 @@ export class Player {
     this.time = this.sound.follow((this.time + origin) * tick, audible) / tick - origin;
   }
 
-  /** One frame of the screen. */
+  /** A frame of the screen. */
   frame(now) {
     requestAnimationFrame((next) => this.frame(next));
     const passed = Math.min((now - this.last) / 1000, 0.25);
@@ -216,19 +211,17 @@ export class Player {
     if (this.isLate) return;
     this.isDirty = false;
     this.isFull = detail === 1;
-    if (state === "drawn") this.drew(detail);
+    if (state === "drawn") {
+      const { index, frame, tau, next } = this.stage.shown;
+      this.pace.drew(detail);
+      page.picture.dataset.moment = `${index} ${frame} ${tau} ${next}`;
+    }
     this.say(state === "fault" ? this.stage.fault : "");
     if (this.isPlaying || this.pace.isAtRest) this.stage.prepare(this.stage.index, this.isBetween);
     page.picture.classList.toggle("movable", this.camera.zoom > 1);
   }
 
-  drew(detail) {
-    const { index, frame, tau, next } = this.stage.shown;
-    this.pace.drew(detail);
-    page.picture.dataset.moment = `${index} ${frame} ${tau} ${next}`;
-  }
-
-  /** Return the pixels to render for the screen. */
+  /** Return the pixels to render. */
   screen(detail) {
     const { width, height } = page.theatre.getBoundingClientRect();
     const scale = (window.devicePixelRatio || 1) * detail;
@@ -263,7 +256,6 @@ export class Player {
     ].join(" \u00b7 ");
   }
 
-  /** Take out what moves at a place of the picture. */
   async takeOut(place) {
     const { film } = this, scale = page.picture.width / page.picture.clientWidth;
     if (!film) return;
@@ -272,7 +264,6 @@ export class Player {
     this.remark = count ? `${count.toLocaleString("en")} taken out` : "nothing moves there";
   }
 
-  /** Bring all back that was taken out. */
   bringBack() {
     this.remark = "";
     if (this.film) this.stage.bringBack().catch(() => {}); // which fails if the film was closed

@@ -1,4 +1,4 @@
-/** The player: gives controls, keys and touches their meaning, and opens the first film. */
+/** Gives controls, keys and touches their meaning, and opens the first film. */
 
 import { Gestures } from "./gestures.js";
 import { page } from "./page.js";
@@ -6,7 +6,7 @@ import { Player } from "./playback.js";
 
 const LEAP_SECONDS = 5;
 const ZOOM_STEP = 1.25;
-/** Milliseconds without a touch after which the controls of a full screen are hidden. */
+/** Milliseconds without a touch until the controls of a full screen hide. */
 const HIDE_AFTER = 2500;
 
 /** Change a choice by some places. */
@@ -115,7 +115,7 @@ function connect(player) {
   hideControls(player);
 }
 
-/** Hide the controls of a film that plays on the full screen until something is touched. */
+/** Hide the controls while a film plays on the full screen and nothing is touched. */
 function hideControls(player) {
   let timer = 0;
   const wake = () => {
@@ -131,7 +131,7 @@ function hideControls(player) {
   }
 }
 
-/** Return the last part of an address, to be read. */
+/** Return the last part of an address. */
 function nameOf(address) {
   const name = address.split("/").at(-1);
   try {
@@ -141,7 +141,7 @@ function nameOf(address) {
   }
 }
 
-/** Open the film in the page's text, or else the one that its address names. */
+/** Open the film in the page, or the one that its address names. */
 function openFirst(player) {
   const inside = document.getElementById("film");
   const address = new URLSearchParams(location.search).get("film");

@@ -37,7 +37,7 @@ function readPngChunk(cursor) {
   return { type: String.fromCharCode(...body.subarray(0, 4)), data: body.subarray(4) };
 }
 
-/** Return the joined data of the IDAT chunks; the file must end with IEND behind them. */
+/** Return the data of the IDAT chunks, behind which IEND must end the file. */
 function readImageData(cursor) {
   const joined = allocate(Uint8Array, cursor.left);
   for (let at = 0; ;) {
@@ -49,7 +49,7 @@ function readImageData(cursor) {
   }
 }
 
-/** Undo the filter of the row that starts at `at` with the number of the filter. */
+/** Undo the filter of the row at `at`, where its number is. */
 function unfilter(raw, at, stride, size) {
   const filter = raw[at];
   check(filter <= 4, "a row of its PNG has an unknown filter.");

@@ -8,10 +8,7 @@ import { check } from "./errors.js";
 import { allocate } from "./limits.js";
 import { LEAST_SHARE, MIN_SCALE, MOST_LOG_OPACITY } from "./reconstruction.js";
 
-/**
- * Return a predicted GOP, `{ pts, gaussians, grids, modes, blending }`, with the Gaussians that it
- * takes over from its reference (section 8.3). `own` is what `unpackGop` returns.
- */
+/** Return a GOP, of which `own` is what it stores, with what it takes over (section 8.3). */
 export function carryOver(own, reference) {
   const { pts, modes, changes, motions, grids, blending } = own, before = look(reference, 1);
   const same = modes.length * LOOK_SLOTS === before.length;
@@ -43,7 +40,7 @@ export function carryOver(own, reference) {
   return { pts, gaussians, grids, modes, blending };
 }
 
-/** Return what a stored change of 1 adds to each slot of the look at `at` (section 8.3). */
+/** Return the units of the changes of the look at `at` (section 8.3). */
 function unitsOf(looks, at) {
   const [l0, l1] = looks.subarray(at + LOG_SCALE), opacity = looks[at + LOG_OPACITY];
   const area = l0 + l1, shape = Math.min(Math.abs(l0 - l1), 4);
@@ -54,9 +51,9 @@ function unitsOf(looks, at) {
 }
 
 /**
- * Return the way from the last frame of a GOP to the first frame of the next, which is predicted
- * from it (section 8.1), as two sets of static Gaussians, `from` and `to`: those carried over, the
- * new ones from number `carried` on, and those dropped from number `all` on.
+ * Return the way from the last frame of a GOP to the first of the next, which is predicted from it
+ * (section 8.1), as two sets of static Gaussians, `from` and `to`: those carried over, new ones
+ * from number `carried` on, dropped ones from number `all` on.
  */
 export function passageBetween(before, after) {
   const last = look(before, 1), first = look(after, -1), kept = [], dropped = [];
@@ -76,7 +73,7 @@ export function passageBetween(before, after) {
   return { from, to, carried, all, blending: after.blending };
 }
 
-/** Put a passage `weight` of the way into `gaussians`: those that come or go have a share. */
+/** Put a passage, `weight` of the way, into `gaussians`. */
 export function mix({ from, to, carried, all, blending }, weight, gaussians) {
   for (let n = 0; n < from.length; n++) gaussians[n] = (1 - weight) * from[n] + weight * to[n];
   for (let i = carried, at = i * SLOTS; at < gaussians.length; i++, at += SLOTS) {
@@ -112,7 +109,7 @@ export function look({ pts, gaussians: g, grids, blending }, time) {
   return result;
 }
 
-/** Return a function of a position and a strength: the offsets f of section 8.2. */
+/** Return the function that gives the offsets f of section 8.2. */
 function fieldAt({ size: [gx, gy, gt], xy, xt, yt }, tau) {
   const f = new Float64Array(CHANNELS), t = cell(tau, gt);
   return (x, y, strength) => {
@@ -125,13 +122,12 @@ function fieldAt({ size: [gx, gy, gt], xy, xt, yt }, tau) {
   };
 }
 
-/** Return the grid points beside a place in [-1, 1], and the part of the way between them. */
+/** Return the grid points beside a place in [-1, 1], and the way between them. */
 function cell(place, size) {
   const at = Math.min(Math.max((place + 1) / 2 * (size - 1), 0), size - 1), low = Math.floor(at);
   return { low, high: Math.min(low + 1, size - 1), part: at - low };
 }
 
-/** Look channel k of a grid up, the row first. */
 function bilinear(grid, columns, row, column, k) {
   const line = (i) => {
     const at = i * columns * CHANNELS + k, { low, high, part } = column;

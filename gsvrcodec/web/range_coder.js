@@ -6,14 +6,14 @@ import { check } from "./errors.js";
 const LEAST_STATE = 1 << 16;
 
 /**
- * The two ends of a coded plane: words at the front, bits at the back.
+ * A coded plane: words at the front, bits at the back.
  *
- * The loops over the samples keep in variables of their own the `state`, an int32 of the same bits,
- * and the offset `at` of the next word, which is due when `state >>> 16` is 0. They read without a
- * look at the ends, which does no harm in JavaScript, and call `checkSpace` once a row.
+ * Loops keep in variables the `state`, an int32 of the same bits, and the offset `at` of the next
+ * word, which is due when `state >>> 16` is 0. They may read beyond the ends, which does no harm,
+ * and call `checkSpace` once a row.
  */
 export class RangeCoder {
-  /** `cursor` stands behind the head of the plane, and ends with the plane. */
+  /** `cursor` stands behind the head of the plane. */
   constructor(cursor) {
     this.state = cursor.u32() | 0;
     check(this.state >>> 16, "the state of its coder is too small.");
@@ -23,7 +23,7 @@ export class RangeCoder {
     this.used = 0;
   }
 
-  /** Return the next number of up to 16 bits from the back. */
+  /** Return the next bits, up to 16, from the back. */
   bits(count) {
     const { bytes, used } = this;
     const last = this.end - 1 - (used >>> 3);
@@ -32,7 +32,7 @@ export class RangeCoder {
     return window >>> 24 - (used & 7) - count & (1 << count) - 1;
   }
 
-  /** Check that words, which were read up to the offset `at`, and bits do not overlap. */
+  /** Check that words, read up to `at`, and bits do not overlap. */
   checkSpace(at) {
     check(at + (this.used + 7 >>> 3) <= this.end, "it is cut short.");
   }
@@ -45,7 +45,7 @@ export class RangeCoder {
   }
 }
 
-/** Codec 5, ranges: decode rows of equally likely samples into `samples`, in raster order. */
+/** Codec 5, ranges: decode a plane into `samples`, in raster order. */
 export function decodeRanges(cursor, { bits, grid: { width, height } }, samples) {
   const lowest = new Uint16Array(height), counts = new Uint32Array(height);
   for (let y = 0, highest = 0; y < height; y++) {

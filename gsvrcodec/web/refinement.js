@@ -1,7 +1,7 @@
 /** Refinement of the values of new Gaussians (section 5.6). */
 
 import {
-  COLOUR, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE, QUADRATIC, ROTATION, SLOTS,
+  COLOUR, isStill, LINEAR, LOG_OPACITY, LOG_SCALE, QUADRATIC, ROTATION, SLOTS,
 } from "./attributes.js";
 import { check } from "./errors.js";
 import { allocate } from "./limits.js";
@@ -10,7 +10,7 @@ import { refinedValue } from "./plane_table.js";
 const LOG2_E = 1.4426950408889634;
 const MOST_BITS = 8;
 
-/** In the order of the table: first slot, components, and factors of eight times the level. */
+/** By the table: first slot, components, and factors of eight times the level. */
 const REFINED = [
   { slot: 0, components: 2, area: -1, shape: 3, opacity: 2 },
   { slot: LOG_SCALE, components: 2, area: 2, shape: 0, opacity: 3 },
@@ -20,7 +20,7 @@ const REFINED = [
   { slot: QUADRATIC, components: 2, area: -1, shape: 3, opacity: 2 },
 ];
 
-/** Read the refinement, all that is left of a payload, and refine the values of the grid `new`. */
+/** Read the refinement, the rest of a payload, and refine the grid `new`. */
 export function refine(cursor, grid) {
   const entries = REFINED.map((entry) => ({ ...entry, least: cursor.i8(), most: cursor.u8() }))
     .filter(({ least, most }) => {
@@ -41,7 +41,7 @@ export function refine(cursor, grid) {
   }
 }
 
-/** Refine the values of a plane by the bits from `place` on; move that behind them. */
+/** Refine a plane by the bits from `place` on; move that behind them. */
 function refinePlane(plane, counts, place) {
   const { samples, slot, grid: { values } } = plane, { bytes } = place;
   let { byte, bit } = place;
@@ -56,7 +56,7 @@ function refinePlane(plane, counts, place) {
   Object.assign(place, { byte, bit });
 }
 
-/** Return what the levels of each new Gaussian depend on, from its base values. */
+/** Return what levels depend on, from base values. */
 function traitsOf({ count, values: v }) {
   const [area, shape, opacity, still] = [0, 0, 0, 0].map(() => allocate(Int8Array, count));
   for (let n = 0, at = 0; n < count; n++, at += SLOTS) {
@@ -64,13 +64,12 @@ function traitsOf({ count, values: v }) {
     area[n] = Math.floor((l0 + l1) * LOG2_E);
     shape[n] = Math.floor(Math.abs(l0 - l1) * LOG2_E);
     opacity[n] = Math.floor(v[at + LOG_OPACITY] * LOG2_E);
-    still[n] = v[at + INDICATOR] === 1 && v[at + LINEAR] === 0 && v[at + LINEAR + 1] === 0
-      && v[at + QUADRATIC] === 0 && v[at + QUADRATIC + 1] === 0;
+    still[n] = isStill(v, at);
   }
   return { area, shape, opacity, still };
 }
 
-/** Return the number k of bits of each new Gaussian for an attribute, and their sum. */
+/** Return the number k of bits of each Gaussian for an attribute, and their sum. */
 function countBits(entry, { area, shape, opacity, still }) {
   const counts = allocate(Uint8Array, area.length), { least, most } = entry;
   let total = 0;

@@ -2,8 +2,8 @@
 
 import { GsvrError } from "./errors.js";
 
-/** Bytes of unpacked GOPs that are kept at hand. */
-const KEPT_BYTES = 64 * 2 ** 20;
+/** GOPs that are kept at hand. */
+const KEPT = 4;
 
 /** Start the worker: of this page's text if it has one, else of the file beside it. */
 function startWorker() {
@@ -15,7 +15,7 @@ function startWorker() {
   return worker;
 }
 
-/** A film in a worker. Methods reject with a `GsvrError` that holds one sentence. */
+/** A film in a worker. Methods are those of `Film`, and reject with a `GsvrError`. */
 export class RemoteFilm {
   constructor() {
     this.worker = startWorker();
@@ -24,13 +24,12 @@ export class RemoteFilm {
     this.header = this.gops = this.origin = null; // as of `Film`; null until it is open
     this.warnings = [];
     this.gopsAtHand = new Map(); // by number, the one used longest ago first
+    this.plate = null; // the last one
     this.worker.onmessage = ({ data: { id, result, error } }) => {
       const { resolve, reject } = this.waiting.get(id);
       this.waiting.delete(id);
-      if (!error) return resolve(result);
-      const failure = new GsvrError(error.message);
-      failure.recoverable = error.recoverable;
-      return reject(failure);
+      if (error) reject(Object.assign(new GsvrError(), error));
+      else resolve(result);
     };
     this.worker.onerror = (event) => {
       event.preventDefault();
@@ -58,29 +57,28 @@ export class RemoteFilm {
 
   /** Return the promise of a GOP, which is unpacked once while it is at hand. */
   gop(index) {
-    let found = this.gopsAtHand.get(index);
-    if (!found) {
-      found = this.call("gop", index);
-      found.then((gop) => this.forget(gop), () => this.gopsAtHand.delete(index));
-    }
+    const found = this.gopsAtHand.get(index) ?? this.withPlate("gop", index);
+    found.catch(() => this.gopsAtHand.delete(index));
     this.gopsAtHand.delete(index);
     this.gopsAtHand.set(index, found);
+    const unused = [...this.gopsAtHand.keys()].slice(0, -KEPT);
+    unused.forEach((old) => this.gopsAtHand.delete(old));
     return found;
   }
 
-  /** Drop GOPs that were not used for long, for a new one. */
-  forget(gop) {
-    const room = Math.max(2, Math.floor(KEPT_BYTES / (gop.gaussians.byteLength + 1)));
-    for (const index of [...this.gopsAtHand.keys()].slice(0, -Math.min(room, 16))) {
-      this.gopsAtHand.delete(index);
-    }
+  /** Return a GOP or a passage with its plate, which is asked for once in a chain. */
+  async withPlate(method, index) {
+    const found = await this.call(method, index);
+    if (found.plate === undefined) return found;
+    if (found.plate !== this.plate?.number) this.plate = await this.call("plate", index);
+    return { ...found, plate: this.plate };
   }
 
   passage(index) {
-    return this.call("passage", index);
+    return this.withPlate("passage", index);
   }
 
-  /** Take out what moves at a place, as `Film.takeOut`; GOPs have to be asked for anew. */
+  /** GOPs have to be asked for anew. */
   takeOut(index, tau, place) {
     this.gopsAtHand.clear();
     return this.call("takeOut", index, tau, place);

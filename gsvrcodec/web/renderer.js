@@ -1,33 +1,26 @@
 /** Draws Gaussians at any time and size with WebGL 2 (sections 8.2, 8.4 and 8.5). */
 
 import {
-  CHANNELS, INDICATOR, LINEAR, LOG_OPACITY, LOG_SCALE, OPACITY_CHANNEL, QUADRATIC, SLOTS,
+  CHANNELS, INDICATOR, isStill, LOG_OPACITY, LOG_SCALE, OPACITY_CHANNEL, SLOTS,
 } from "./attributes.js";
 import { GsvrError } from "./errors.js";
 import { bindTexture, makeTexture, Program, Quads, Target, targetFormat } from "./graphics.js";
 import { GROUND, LEVELS, MOST_LOG_OPACITY } from "./reconstruction.js";
 import {
-  COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, SCREEN_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
-  UP_FRAGMENT,
+  COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, PLATE_FRAGMENT, SCREEN_FRAGMENT, SPLAT_FRAGMENT,
+  SPLAT_VERTEX, UP_FRAGMENT,
 } from "./shaders.js";
 
-/** Texels of a Gaussian: behind its slots is whether it belongs to the moving layer. */
+/** Texels of a Gaussian: its slots, and whether it is of the moving layer. */
 const TEXELS = 4;
-/** Largest sum of opacities that is to fit in a target; 16-bit floats reach to twice as much. */
+/** Largest sum of opacities in a target; 16-bit floats reach to twice as much. */
 const MOST_SUM = 2 ** 15;
-/** How many Gaussians of the largest opacity may lie one upon the other without leaving them. */
+/** Gaussians of the largest opacity that may lie one upon the other. */
 const MOST_LAYERS = 64;
-/** Groups: still ones by level, then the others by level; and those that are not drawn. */
+/** Groups: still ones by level, then others by level; this one is not drawn. */
 const UNUSED = 2 * LEVELS;
 
-/** Return whether a Gaussian looks the same in all frames of its GOP (section 8.2). */
-function isStill(gaussians, at) {
-  return gaussians[at + INDICATOR] === 1
-    && gaussians[at + LINEAR] === 0 && gaussians[at + LINEAR + 1] === 0
-    && gaussians[at + QUADRATIC] === 0 && gaussians[at + QUADRATIC + 1] === 0;
-}
-
-/** Return the most by which a tri-plane can raise the logarithm of an opacity (section 8.2). */
+/** Return the most by which a tri-plane raises a log-opacity (section 8.2). */
 function largestBend({ xy, xt, yt }) {
   return [xy, xt, yt].reduce((product, grid) => {
     let most = 0;
@@ -38,11 +31,14 @@ function largestBend({ xy, xt, yt }) {
   }, 1);
 }
 
-/** The Gaussians and the tri-plane of one GOP on the device. */
+/** A GOP on the device, or a passage. */
 export class Scene {
-  /** `gop` has `gaussians`, `moving`, `out`, `grids` and `blending` as `Film.gop` returns them. */
-  constructor({ gl, format, black, quads }, gop) {
+  /** `gop` is as `RemoteFilm.gop` returns it; `pts` have no use. */
+  constructor(renderer, gop) {
+    const { gl, format, black, quads } = renderer;
     this.gl = gl;
+    this.renderer = renderer;
+    this.plate = gop.plate && renderer.hold(gop.plate);
     this.gaussians = gop.gaussians;
     this.isMoving = gop.moving;
     this.isOut = gop.out;
@@ -73,11 +69,11 @@ export class Scene {
     this.stillKey = "";
   }
 
-  /** Return the factor of all weights, a power of two, that keeps sums in the range of targets. */
+  /** Return the factor of all weights, a power of two, with which sums fit in targets. */
   chooseScale() {
     if (!this.isMean) return 1;
     const { gaussians, bend } = this;
-    let largest = Math.exp(-MOST_LOG_OPACITY), total = largest;
+    let largest = this.plate ? 1 : Math.exp(-MOST_LOG_OPACITY), total = largest;
     for (let at = 0; at < gaussians.length; at += SLOTS) {
       const log = gaussians[at + LOG_OPACITY] + Math.abs(1 - gaussians[at + INDICATOR]) * bend;
       const opacity = Math.exp(Math.min(log, MOST_LOG_OPACITY));
@@ -87,10 +83,7 @@ export class Scene {
     return 2 ** Math.floor(Math.log2(MOST_SUM / Math.min(total, MOST_LAYERS * largest)));
   }
 
-  /**
-   * Sort the Gaussians of some layers by level, still ones first, for pictures at `zoom`
-   * (section 8.4).
-   */
+  /** Sort the Gaussians of some layers by level at `zoom` (section 8.4), still ones first. */
   arrange(zoom, layers) {
     const key = `${zoom} ${layers}`;
     if (key === this.arranged) return;
@@ -124,12 +117,11 @@ export class Scene {
     this.table = makeTexture(gl, gl.RGBA32F, side, side, sorted);
   }
 
-  /** Draw the quads of the groups from `first` up to `end`. */
   drawGroups(first, end) {
     this.quads.draw(this.starts[first], this.starts[end]);
   }
 
-  /** Return the uniforms of Gaussians at a time, and bind their textures. */
+  /** Bind the textures of Gaussians; return their uniforms at a time. */
   deformation(tau) {
     for (const unit of [0, 1, 2]) bindTexture(this.gl, unit, this.grids[unit] ?? this.black);
     bindTexture(this.gl, 5, this.table);
@@ -148,14 +140,13 @@ export class Scene {
     this.gl.deleteTexture(this.table);
     this.grids.forEach((grid) => this.gl.deleteTexture(grid));
     this.still.dispose();
+    if (this.plate) this.renderer.release(this.plate);
   }
 }
 
 /** Draws scenes on a canvas. */
 export class Renderer {
-  /**
-   * Throws `GsvrError` if the browser or its device cannot. `bits` of 16 asks for 16-bit targets.
-   */
+  /** Throws a `GsvrError` where it cannot. `bits` of 16 asks for 16-bit targets. */
   constructor(canvas, { bits = 32 } = {}) {
     const options = {
       alpha: false, antialias: false, depth: false, powerPreference: "high-performance",
@@ -172,19 +163,36 @@ export class Renderer {
     this.bits = target.bits;
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.magnify = new Program(gl, COVER_VERTEX, UP_FRAGMENT);
+    this.addPlate = new Program(gl, COVER_VERTEX, PLATE_FRAGMENT);
     this.toScreen = new Program(gl, COVER_VERTEX, SCREEN_FRAGMENT);
     this.outline = new Program(gl, OUTLINE_VERTEX, OUTLINE_FRAGMENT);
     this.levels = Array.from({ length: LEVELS }, () => new Target(gl, this.format));
     this.black = makeTexture(gl, gl.RGBA8, 1, 1);
     this.cover = gl.createVertexArray();
     this.quads = new Quads(gl);
+    this.plates = new Map(); // of scenes, with their textures
     gl.enable(gl.SCISSOR_TEST);
     gl.disable(gl.DITHER);
   }
 
-  /** Put a GOP, as `Film.gop` returns it, on the device. */
   scene(gop) {
     return new Scene(this, gop);
+  }
+
+  /** Return a plate with its texture, which its users share; each has to release it. */
+  hold(plate) {
+    const { gl, plates } = this, { width, height, texels } = plate;
+    const held = plates.get(plate)
+      ?? { plate, users: 0, texture: makeTexture(gl, gl.RGBA8, width, height, texels) };
+    held.users++;
+    plates.set(plate, held);
+    return held;
+  }
+
+  release(held) {
+    if (--held.users) return;
+    this.plates.delete(held.plate);
+    this.gl.deleteTexture(held.texture);
   }
 
   /** Make the screen black. */
@@ -207,16 +215,17 @@ export class Renderer {
   }
 
   /**
-   * Draw a scene at a time over the present screen.
-   * `layers` is "all", "moving" or "standing"; `opacity` the weight of the picture's codes.
+   * Draw a scene at a time over the screen; its codes weigh `opacity`. `layers` is "all", "moving"
+   * or "standing".
    */
   draw(scene, tau, view, { layers = "all", opacity = 1 } = {}) {
     if (view.isEmpty) return;
     scene.arrange(Math.min(...view.zoom), layers);
-    // Still Gaussians are drawn once for all frames.
+    // Still Gaussians and the plate are drawn once for all frames.
     const key = [layers, ...view.frame, ...view.region].join();
     if (scene.stillKey !== key) {
       this.drawPyramid(scene, 0, 0, view, scene.still);
+      if (scene.plate && layers !== "moving") this.drawPlate(scene, view);
       scene.stillKey = key;
     }
     const changes = scene.starts[UNUSED] > scene.starts[LEVELS];
@@ -259,6 +268,20 @@ export class Renderer {
     }
   }
 
+  /** Add the plate to the still Gaussians, which were just drawn. */
+  drawPlate({ plate: { plate, texture }, scale }, view) {
+    const [x0, y0] = view.region;
+    bindTexture(this.gl, 3, texture);
+    this.addPlate.use({
+      plate: ["uniform1i", 3],
+      isYcc: ["uniform1i", plate.isYcc],
+      origin: ["uniform2f", x0, y0],
+      ratio: ["uniform2f", plate.width / view.frame[0], plate.height / view.frame[1]],
+      scale: ["uniform1f", scale],
+    });
+    this.drawCover();
+  }
+
   drawCover() {
     this.gl.bindVertexArray(this.cover);
     this.gl.drawArrays(this.gl.TRIANGLES, 0, 3);
@@ -268,7 +291,7 @@ export class Renderer {
     const { gl } = this;
     const [x0, y0, x1, y1] = view.region;
     const [xx, xy, yx, yy] = view.columns;
-    // The matrix is orthogonal: its transpose leads back. Half a pixel is where pixels are sampled.
+    // The transpose of the matrix leads back. Pixels are sampled at half a pixel.
     const back = (axisX, axisY, origin) => Math.floor(
       axisX * (0.5 - view.shift[0]) + axisY * (0.5 - view.shift[1])) - origin;
     this.onScreen();
@@ -279,7 +302,7 @@ export class Renderer {
       changing: ["uniform1i", 4],
       turning: ["uniform4i", xx, yx, xy, yy],
       shift: ["uniform2i", back(xx, xy, x0), back(yx, yy, y0)],
-      inside: ["uniform4i", 0, 0, x1 - x0, y1 - y0],
+      size: ["uniform2i", x1 - x0, y1 - y0],
       height: ["uniform1i", view.screen[1]],
       isMean: ["uniform1i", isMean],
       ground: ["uniform1f", GROUND * scale],
@@ -304,7 +327,7 @@ export class Renderer {
     scene.drawGroups(0, UNUSED);
   }
 
-  /** Direct later drawing to the screen; it is mixed in by its opacity. */
+  /** Direct drawing to the screen; it is mixed in by its opacity. */
   onScreen() {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);

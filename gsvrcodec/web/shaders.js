@@ -14,9 +14,9 @@ const float REACH = ${Math.sqrt(-2 * Math.log(CUTOFF)).toFixed(8)};  // sigmas w
 const float MOST_LOG_OPACITY = ${MOST_LOG_OPACITY.toFixed(8)};
 `;
 
-/** The deformation of one Gaussian, of whose quad the vertex is a corner. */
+/** A Gaussian, of whose quad the vertex is a corner. */
 const DEFORM = `
-uniform sampler2D gaussians;               // four texels of each
+uniform sampler2D gaussians;               // by four texels
 vec4 place;                                // position, log_scale
 vec4 appearance;                           // rotation, colour
 vec4 motion;                               // log_opacity, indicator, linear
@@ -25,7 +25,7 @@ vec4 rest;                                 // quadratic, 1 = of the moving layer
 uniform sampler2D gridXY, gridXT, gridYT;  // two texels a cell: channels 0-3 and 4-7
 uniform vec3 gridSize;                     // Gx, Gy, Gt; 0 = no tri-plane
 uniform float tau;
-uniform bool isMean;                       // how pictures are formed
+uniform bool isMean;
 
 vec2 centre, scales;                       // mu; s, pixels of the coded frame
 vec2 turn;                                 // cosine and sine of theta
@@ -44,7 +44,7 @@ vec4 lookup(sampler2D grid, vec2 at, int part) {
   return mix(upper, lower, f.y);
 }
 
-// Sine and cosine to 2^-22; those of a device may be as coarse as 2^-11. Sigma has period pi.
+// To 2^-22; those of a device may be as coarse as 2^-11. Sigma has period pi.
 vec2 cosineAndSine(float angle) {
   float turns = round(angle * 0.31830988618);
   float x = (angle - turns * 3.140625) - turns * 9.67653589793e-4;
@@ -80,7 +80,7 @@ void deform() {
 }
 `;
 
-/** Section 8.4: a Gaussian on its level, as the quad beyond which its weight is zero. */
+/** A Gaussian on its level (section 8.4): the quad beyond which it weighs nothing. */
 export const SPLAT_VERTEX = `${HEAD}${DEFORM}
 uniform vec2 frame;      // W, H
 uniform vec2 zoom;       // W / Wc, H / Hc
@@ -120,7 +120,7 @@ void main() {
 }
 `;
 
-/** Section 8.5: what one Gaussian adds to the four sums at the middle of a pixel. */
+/** What a Gaussian adds to the sums of a pixel (section 8.5). */
 export const SPLAT_FRAGMENT = `${HEAD}
 flat in vec2 at;
 flat in vec4 toSigmas;
@@ -163,12 +163,41 @@ void main() {
 }
 `;
 
-/** The codes of a picture, from its sums, turned and moved to its place on the screen. */
+/** What a plate adds to the sums of a pixel (section 8.5). */
+export const PLATE_FRAGMENT = `${HEAD}
+uniform sampler2D plate;
+uniform bool isYcc;
+uniform vec2 origin;     // of the drawn part, pixels of the frame
+uniform vec2 ratio;      // Wc / W, Hc / H
+uniform float scale;     // of all weights
+out vec4 sum;
+
+void main() {
+  vec2 at = (gl_FragCoord.xy + origin) * ratio - 0.5, reach = max(ratio, 1.0);
+  ivec2 first = max(ivec2(ceil(at - reach)), 0), k;
+  ivec2 last = min(ivec2(floor(at + reach)), textureSize(plate, 0) - 1);
+  vec4 total = vec4(0.0);
+  for (k.y = first.y; k.y <= last.y; k.y++) {
+    for (k.x = first.x; k.x <= last.x; k.x++) {
+      vec2 weight = max(1.0 - abs(vec2(k) - at) / reach, 0.0);
+      total += weight.x * weight.y * vec4(texelFetch(plate, k, 0).rgb, 1.0);
+    }
+  }
+  vec3 c = total.rgb / total.a;
+  if (isYcc) {
+    c.yz -= 128.0 / 255.0;
+    c = c.x + vec3(1.402 * c.z, -0.344136 * c.y - 0.714136 * c.z, 1.772 * c.y);
+  }
+  sum = scale * vec4(c, 1.0);
+}
+`;
+
+/** The codes of a picture, turned and moved to its place on the screen. */
 export const SCREEN_FRAGMENT = `${HEAD}
 uniform sampler2D still, changing;
 uniform ivec4 turning;   // columns of the matrix from pixels of the screen to those of the region
 uniform ivec2 shift;     // added after it
-uniform ivec4 inside;    // the frame in pixels of the region: least, end
+uniform ivec2 size;      // of the region
 uniform int height;      // of the screen
 uniform bool isMean;
 uniform float ground;    // its weight, by the scale of all weights
@@ -178,7 +207,7 @@ out vec4 code;
 void main() {
   ivec2 screen = ivec2(gl_FragCoord.x, float(height) - gl_FragCoord.y);
   ivec2 pixel = screen.x * turning.xy + screen.y * turning.zw + shift;
-  if (any(lessThan(pixel, inside.xy)) || any(greaterThanEqual(pixel, inside.zw))) discard;
+  if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, size))) discard;
   vec4 sums = texelFetch(still, pixel, 0) + texelFetch(changing, pixel, 0);
   vec3 picture = isMean ? sums.rgb / (ground + sums.a) : sums.rgb;
   code = vec4(floor(255.0 * clamp(picture, 0.0, 1.0) + 0.5) / 255.0, opacity);

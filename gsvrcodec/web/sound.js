@@ -1,11 +1,11 @@
 /** Copied sound, played by the browser and kept in step with the pictures. */
 
-/** Seconds by which the pictures may be off before they jump to the sound. */
+/** Seconds by which pictures may be off before they jump. */
 const JUMP = 0.2;
-/** Flag of a stream's disposition: the one to play. */
+/** Flag of a disposition: play this stream. */
 const DEFAULT = 1;
 
-/** Return the first sound of the film that the browser plays, or null. */
+/** Return the first sound that the browser plays, or null. */
 export async function openSound(film) {
   const sounds = await film.sounds();
   sounds.sort((a, b) => (b.disposition & DEFAULT) - (a.disposition & DEFAULT));
@@ -36,15 +36,12 @@ class Sound {
     this.url = url;
   }
 
-  /**
-   * Play or stop so as to fit the pictures at `seconds` of the sound's clock; return the seconds
-   * to go on from, which follow the sound.
-   */
+  /** Fit the pictures at `seconds` of the sound's clock; return the seconds to go on from. */
   follow(seconds, audible) {
     const { element } = this;
     const isInside = seconds >= 0 && seconds < element.duration;
     if (!audible || !isInside) {
-      if (!element.paused) element.pause();
+      element.pause();
       return seconds;
     }
     if (element.paused) {

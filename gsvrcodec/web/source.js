@@ -2,13 +2,10 @@
 
 import { GsvrError } from "./errors.js";
 
-/** Bytes that are read at least at a time, and of both ends of a film when it is opened. */
+/** Least bytes that are read at a time, and of both ends of a film at once. */
 const PIECE_BYTES = 2 ** 16;
 
-/**
- * Open a Blob or an absolute URL. The result has the `size` in bytes, and `read(offset, length)`,
- * which returns a Uint8Array of exactly so many bytes.
- */
+/** Open a Blob or an absolute URL. Return its `size` in bytes, and `read(offset, length)`. */
 export async function openSource(from) {
   const { size, fetchBytes, pieces = [] } = typeof from === "string"
     ? await openUrl(from) : openBlob(from);
@@ -39,7 +36,7 @@ function openBlob(blob) {
   return { size: blob.size, fetchBytes };
 }
 
-/** Ask the server for the start of the film; it may send all of it. */
+/** Ask the server for the start of the film; it may send all. */
 async function openUrl(url) {
   const response = await request(url, 0, PIECE_BYTES);
   const total = response.headers.get("Content-Range")?.match(/\/(\d+)$/);
@@ -62,7 +59,6 @@ async function request(url, offset = 0, length = 0) {
   return response;
 }
 
-/** Return the bytes of a Blob or a Response. */
 async function bytesOf(body) {
   try {
     return new Uint8Array(await body.arrayBuffer());

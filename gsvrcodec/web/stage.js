@@ -4,15 +4,17 @@ import { mix } from "./prediction.js";
 import { Renderer } from "./renderer.js";
 import { View } from "./view.js";
 
-/** GOPs that are kept on the device, passages between two GOPs included. */
+/** GOPs and passages that are kept on the device. */
 const SCENES = 4;
-/** Codes by which two pictures differ in the mean if a cut lies between them. */
+/** Codes by which pictures differ in the mean if a cut lies between them. */
 const CUT = 25.5;
-/** Columns of the pictures that tell where a cut is. */
+/** Columns of these pictures. */
 const CUT_WIDTH = 64;
 
 export class Stage {
-  /** `changed` is called when a GOP that was missing has come. */
+  scenes = new Map(); // by key, the one used longest ago first
+
+  /** `changed` is called when a missing GOP has come. */
   constructor(canvas, changed) {
     this.canvas = canvas;
     this.changed = changed;
@@ -21,21 +23,25 @@ export class Stage {
     this.reset();
   }
 
-  /** Show another film. `timeline` is its timeline, `camera` its camera. */
+  /** Show another film, with its timeline and its camera. */
   load(film, timeline, camera) {
     this.reset();
     Object.assign(this, { film, timeline, camera });
   }
 
   reset() {
-    for (const { scene } of this.scenes?.values() ?? []) scene.dispose();
-    this.scenes = new Map(); // by key, the one used longest ago first
+    this.clear();
     this.loading = new Set();
     this.faults = new Map();
     this.cuts = new Map();
     this.shown = null;
-    this.picture = ""; // key of the picture on the screen
     this.index = 0;
+  }
+
+  clear() {
+    for (const { scene } of this.scenes.values()) scene.dispose();
+    this.scenes.clear();
+    this.picture = ""; // key of the picture on the screen
   }
 
   /** Start anew on a device that was lost. */
@@ -45,7 +51,7 @@ export class Stage {
     this.reset();
   }
 
-  /** Return a GOP or passage on the device, or undefined while it is loaded. */
+  /** Return a GOP or passage on the device; undefined while it is loaded. */
   at(key, load) {
     const found = this.scenes.get(key);
     if (found) {
@@ -62,16 +68,17 @@ export class Stage {
     this.loading.add(key);
     try {
       const content = await load();
-      if (film === this.film) this.keep(key, content);
+      if (film !== this.film) return;
+      this.keep(key, content);
     } catch (error) {
-      if (film === this.film) this.faults.set(key, error.message);
+      if (film !== this.film) return;
+      this.faults.set(key, error.message);
     }
-    if (film !== this.film) return;
     this.loading.delete(key);
     this.changed();
   }
 
-  /** Take out what moves at a place of the screen, pixels; return how many Gaussians it has. */
+  /** Take out what moves at a place of the screen, pixels; return its number of Gaussians. */
   async takeOut(place) {
     if (!this.shown) return 0;
     const { index, tau, view } = this.shown;
@@ -81,7 +88,6 @@ export class Stage {
     return count;
   }
 
-  /** Bring all back that was taken out. */
   async bringBack() {
     await this.film.bringBack();
     this.refresh();
@@ -89,9 +95,7 @@ export class Stage {
 
   /** Ask for all GOPs anew. */
   refresh() {
-    for (const { scene } of this.scenes.values()) scene.dispose();
-    this.scenes.clear();
-    this.picture = "";
+    this.clear();
     this.changed();
   }
 
@@ -107,7 +111,7 @@ export class Stage {
     return this.at(`gop ${index}`, () => this.film.gop(index));
   }
 
-  /** Return the passage from a GOP to the one that is predicted from it. */
+  /** Return the passage to the GOP that is predicted from this one. */
   passage(index) {
     return this.at(`passage ${index}`, async () => {
       const passage = await this.film.passage(index);
@@ -115,7 +119,7 @@ export class Stage {
     });
   }
 
-  /** Put the next GOP and the passage to it on the device early; `between` as in `show`. */
+  /** Load the next GOP and the passage to it early; `between` as in `show`. */
   prepare(index, between) {
     if (index + 1 >= this.film.gops.length) return;
     this.gop(index + 1);
@@ -123,9 +127,8 @@ export class Stage {
   }
 
   /**
-   * Draw the picture of a time, ticks. Return "drawn", "same" (it is there already), "loading"
-   * (nothing was drawn), or "fault".
-   * `options`: `between` (pictures between frames), `layers`, `outlines`, `screen` (pixels).
+   * Draw the picture of a time, ticks. Return "drawn", "same" (it is there), "loading" (nothing was
+   * drawn) or "fault". `options`: `between` (frames), `layers`, `outlines`, `screen` (pixels).
    */
   show(time, options) {
     const index = this.timeline.gopAt(time);
@@ -163,7 +166,7 @@ export class Stage {
     return "fault";
   }
 
-  /** Return the scenes of a moment with their times and weights, or null while one is missing. */
+  /** Return the scenes of a moment with their times and weights; null while one is loaded. */
   parts({ index, tau, next }, gop) {
     const alone = [{ scene: gop.scene, tau, opacity: 1 }];
     if (next === 0) return alone;
@@ -181,7 +184,7 @@ export class Stage {
     return [...alone, { scene: following.scene, tau: first, opacity: next }];
   }
 
-  /** Return whether two pictures are of different shots (section 8.1). */
+  /** Return whether a cut lies between two pictures (section 8.1). */
   isCut(index, scene, tau, following, first) {
     if (!this.cuts.has(index)) {
       const a = this.thumbnail(scene, tau), b = this.thumbnail(following, first);
@@ -191,7 +194,7 @@ export class Stage {
     return this.cuts.get(index);
   }
 
-  /** Return the codes of a small picture; it is drawn into a corner of the screen. */
+  /** Draw a small picture into a corner of the screen; return its codes. */
   thumbnail(scene, tau) {
     const { width, height } = this.film.header;
     const screen = [this.canvas.width, this.canvas.height];

@@ -1,36 +1,35 @@
-/** Things that are taken out of a film: Gaussians that touch each other and move alike. */
+/** What is taken out of a film: Gaussians that touch each other and move alike. */
 
 import { LINEAR, LOG_OPACITY, LOOK_SLOTS, QUADRATIC, SLOTS } from "./attributes.js";
 import { findMoving, LEAST_WAY } from "./layers.js";
 import { look } from "./prediction.js";
 
-/** Sigmas from its centre at which a tap hits a Gaussian, and least weight beside the largest. */
+/** Sigmas at which a tap hits a Gaussian, and least weight beside the largest. */
 const HIT = 3, LEAST_WEIGHT = 0.1;
-/** Gap across which Gaussians touch, and by which a tap may miss one, in longer sides. */
+/** Gap across which Gaussians touch, and a tap may miss them, in longer sides. */
 const GAP = 1 / 200;
 /** Longest distance at which large Gaussians touch, in longer sides. */
 const CELL = 1 / 32;
-/** Ways that are alike differ by this share of the least way of what moves, and of their own. */
+/** Ways that are alike differ by a share of the least way that moves, and of their own. */
 const ALIKE = [0.5, 0.3];
 
 export class TakenOut {
   #numbers = new Set(); // of the Gaussians that are out
-  #ends = new Map(); // by GOP: bodies of these in its first and in its last frame
-  #tapped = new Set(); // GOPs in which things were tapped
+  #ends = new Map(); // by GOP: their bodies in its first and its last frame
+  #tapped = new Set(); // GOPs with taps
 
-  /** `header` is that of the film. */
   constructor({ width, height }) {
     this.width = width;
     this.height = height;
     this.side = Math.max(width, height);
   }
 
-  /** Bring all things back. */
+  /** Bring all back. */
   clear() {
     for (const known of [this.#numbers, this.#ends, this.#tapped]) known.clear();
   }
 
-  /** Take out what moves at a place [x, y], -1 to 1, of GOP `k`; return its number of Gaussians. */
+  /** Take out what moves at a place [x, y], -1 to 1, of GOP `k`, as `Film.takeOut`. */
   add(k, gop, tau, place) {
     const looks = look(gop, tau), moving = this.#moving(gop), blur = (GAP * this.side) ** 2;
     const weights = moving.map((n) => {
@@ -52,9 +51,9 @@ export class TakenOut {
 
   /**
    * Return 1 for each Gaussian of GOP `k` that is out, else 0; null if none in the film is. To
-   * those that were carried over come new ones of the GOP that touch them and move alike. Where
-   * none was carried over, the thing is found at its place at the end of the GOP before, or at the
-   * start of the one behind, if that was asked for.
+   * those carried over come new ones that touch them and move alike. Where none was carried over,
+   * the thing is where it was at the end of the GOP before, or at the start of the one behind, if
+   * that was asked for.
    */
   mask(k, gop) {
     if (this.#numbers.size === 0) return null;
@@ -80,7 +79,7 @@ export class TakenOut {
     return ones(findMoving(gaussians, this.width, this.height));
   }
 
-  /** Return Gaussians, `n` their numbers in the GOP: place and radius, pixels; way of a tick. */
+  /** Return of Gaussians number, place and radius, pixels, and way of a tick. */
   #bodies(gop, tau, chosen) {
     const { gaussians: g, pts } = gop, looks = look(gop, tau);
     const perTick = pts.length > 1 ? 2 / pts.at(-1) : 0;
@@ -94,7 +93,7 @@ export class TakenOut {
     });
   }
 
-  /** Return the bodies among `others` that touch one of `seeds` and move alike, or one of these. */
+  /** Return the `others` that touch and move alike with one of `seeds`, or of those found. */
   #grow({ pts }, seeds, others) {
     const cell = CELL * this.side, gap = GAP * this.side, [few, share] = ALIKE;
     const least = few * LEAST_WAY * this.side * 2 / pts.at(-1);
@@ -121,7 +120,6 @@ export class TakenOut {
   }
 }
 
-/** Return the numbers of the ones in a mask. */
 function ones(mask) {
   return [...mask.keys()].filter((n) => mask[n] === 1);
 }

@@ -1,7 +1,7 @@
-/** Where a film is at a time (section 8.1). Times are ticks after the film's first timestamp. */
+/** Where a film is at a time (section 8.1): ticks after its first timestamp. */
 
 export class Timeline {
-  /** `header` and `gops` are those of a film; a missing last duration is that of a mean frame. */
+  /** Of a film; a missing last duration is that of a mean frame. */
   constructor(header, gops) {
     const [numerator, denominator] = header.timeBase;
     this.tick = numerator / denominator;
@@ -10,8 +10,7 @@ export class Timeline {
     const frames = gops.reduce((sum, gop) => sum + gop.frames, 0);
     const spoken = last.lastDuration || (frames > 1 ? last.end / (frames - 1) : 1 / this.tick);
     this.end = last.end + spoken;
-    /** Mean length of a frame. */
-    this.frame = this.end / frames;
+    this.frame = this.end / frames; // mean length
   }
 
   /** Return the number of the GOP that is shown at a time. */
@@ -26,9 +25,8 @@ export class Timeline {
   }
 
   /**
-   * Return the moment to draw at a time, from the frames of the GOP that is shown:
-   * `{ index, frame, tau, next }`. With `between`, pictures between frames too: `next` is then
-   * the weight of the next GOP, and 0 within this one.
+   * Return the moment of a time in the GOP that is shown: `{ index, frame, tau, next }`. `between`
+   * frames, `next` is the weight of the next GOP; it is 0 within this one.
    */
   moment(time, index, pts, between) {
     const after = time - this.gops[index].start;
@@ -44,7 +42,7 @@ export class Timeline {
     return { index, frame, tau: tauOf(at, pts), next: 0 };
   }
 
-  /** Return the time of the frame before (-1) or after (1) that at `time`, or null at the ends. */
+  /** Return the time of the frame before (-1) or after (1) that at `time`; null at the ends. */
   neighbour(time, index, pts, direction) {
     const { start } = this.gops[index];
     const { frame } = this.moment(time, index, pts, false);
@@ -55,7 +53,6 @@ export class Timeline {
     return index + 1 < this.gops.length ? this.gops[index + 1].start : null;
   }
 
-  /** Return the mean bits a second of a GOP. */
   bitRate(index) {
     const { bytes, start } = this.gops[index];
     const end = index + 1 < this.gops.length ? this.gops[index + 1].start : this.end;

@@ -1,12 +1,11 @@
 /** How a picture lies on the screen. */
 
-/** Pixels by which the edge of a drawn part can be wrong: one of level 4 (section 8.5). */
+/** Pixels by which the edge of a part can be wrong: one of level 4 (section 8.5). */
 const MARGIN = 16;
 
 /**
- * Where a picture is drawn: all that is needed to go from pixels of the frame to the screen.
- * `frame` is the size W, H at which it is rendered, before it is mirrored and turned; `left` and
- * `top` the place of the turned picture on the screen, pixels.
+ * How pixels of the frame go to the screen. `frame` is its size W, H before it is mirrored and
+ * turned; `left` and `top` the place of the turned picture on the screen, pixels.
  */
 export class View {
   constructor({ coded, frame, left = 0, top = 0, rotation = 0, mirrored = false, screen }) {
@@ -21,7 +20,7 @@ export class View {
     const quarter = rotation / 90;
     const x = mirrored ? along[(quarter + 2) % 4] : along[quarter];
     const y = along[(quarter + 1) % 4];
-    // What the least corner has to be moved by to come to 0, 0; in places between pixels.
+    // What brings the least corner to 0, 0; in places between pixels.
     const corner = [0, 1].map(
       (axis) => -Math.min(0, x[axis] * width) - Math.min(0, y[axis] * height));
     this.columns = [...x, ...y];
@@ -29,14 +28,14 @@ export class View {
     this.region = this.visible();
   }
 
-  /** Return the pixel of the frame, not rounded, at a place of the screen. */
+  /** Return the pixel, not rounded, at a place of the screen. */
   pixelAt([column, row]) {
     const [xx, xy, yx, yy] = this.columns;
     const dx = column - this.shift[0], dy = row - this.shift[1];
     return [xx * dx + xy * dy, yx * dx + yy * dy];
   }
 
-  /** Return the part of the frame that is seen: x0, y0, x1, y1, with x0 and y0 on all levels. */
+  /** Return the part that is seen: x0, y0, x1, y1, of which x0 and y0 are on all levels. */
   visible() {
     const at = [[0, 0], this.screen].map((corner) => this.pixelAt(corner));
     const result = [0, 0, 0, 0];

@@ -10,8 +10,8 @@ const WINDOW_BYTES = 2 ** 20;
 const MOST_FAULTS = 20;
 
 /**
- * Return `{ chunks, faults, ended }`: the chunks after the header, which ends at byte `start`, GOPs
- * only if they are sound, with their `summary`; sentences on damage; whether there is an end chunk.
+ * Return `{ chunks, faults, ended }`: chunks from byte `start` on, of GOPs the sound ones with
+ * their `summary`; sentences on damage; whether there is an end chunk.
  */
 export async function walk(source, start, { stream }) {
   const chunks = [], faults = [];
@@ -53,7 +53,7 @@ export async function walk(source, start, { stream }) {
   return { chunks, faults, ended };
 }
 
-/** Return the summary of a GOP whose CRC is right and that comes after the last one. */
+/** Return the summary of a sound GOP behind the last one. */
 async function soundSummary(source, { offset, length }, last) {
   const start = offset + HEAD_BYTES, end = start + length;
   let crc = 0;
@@ -68,11 +68,11 @@ async function soundSummary(source, { offset, length }, last) {
   return summary;
 }
 
-/** Return the offset of the next GOP with a sound head that fits into the file, or its size. */
+/** Return the offset of the next GOP with a sound head, or the size of the file. */
 async function nextGop(source, start, headAt) {
   const { size } = source;
   for (let at = start; at < size; at += WINDOW_BYTES) {
-    // The windows overlap, for a type that lies across their border.
+    // Windows overlap: a type may lie across their border.
     const bytes = await source.read(at, Math.min(WINDOW_BYTES + 3, size - at));
     for (let i = bytes.indexOf(71); i >= 0; i = bytes.indexOf(71, i + 1)) {
       const named = bytes[i + 1] === 79 && bytes[i + 2] === 80 && bytes[i + 3] === 68;

@@ -8,6 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
+import imagecodecs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -35,6 +36,7 @@ class Part(NamedTuple):
     gop: Gop
     frames: int
     carried: Carried | None = None
+    plate: bytes | None = None
 
 
 def film(parts: Sequence[Part], size: tuple[int, int], blending: Blending) -> bytes:
@@ -43,7 +45,7 @@ def film(parts: Sequence[Part], size: tuple[int, int], blending: Blending) -> by
     header = Header(width=size[0], height=size[1], time_base=Fraction(1, 1000), blending=blending)
     first = 0
     with GsvrWriter(file, header) as writer:
-        for number, (gop, frames, carried) in enumerate(parts):
+        for number, (gop, frames, carried, plate) in enumerate(parts):
             payload = pack_gop(
                 gop,
                 _TICKS * np.arange(first, first + frames),
@@ -54,20 +56,48 @@ def film(parts: Sequence[Part], size: tuple[int, int], blending: Blending) -> by
                 reference=0 if carried is None else parts[number - 1].frames,
                 carried=carried,
                 blending=blending,
+                plate=plate,
             )
             writer.add_gop(payload)
             first += frames
     return file.getvalue()
 
 
-def random_film(blending: Blending, *, spread: float = 2, frames: int = 4) -> bytes:
+#: Width and height of the film of `random_film`.
+RANDOM_SIZE = (64, 48)
+
+
+def random_plate(
+    seed: int, size: tuple[int, int] = RANDOM_SIZE, *, shade: int = 0, pixelformat: str = "444"
+) -> bytes:
+    """Return a plate of random colours, which are lighter by `shade`."""
+    width, height = size
+    draw = np.random.default_rng(seed)
+    coarse = draw.integers(32, 192, (-(-height // 8), -(-width // 8), 3), np.uint8)
+    blocks = np.kron(coarse, np.ones((8, 8, 1), np.uint8))[:height, :width]
+    picture = (blocks ^ draw.integers(0, 32, blocks.shape, np.uint8)) + np.uint8(shade)
+    return bytes(imagecodecs.avif_encode(picture, level=95, speed=6, pixelformat=pixelformat))
+
+
+def plates_alone() -> bytes:
+    """Return a film of two key GOPs without Gaussians, of which each has its plate."""
+    none = _random_gop(np.random.default_rng(0), "mean", 0, 1)
+    parts = [Part(none, 4, plate=random_plate(1, shade=shade)) for shade in (0, 20)]
+    return film(parts, RANDOM_SIZE, "mean")
+
+
+def random_film(
+    blending: Blending, *, spread: float = 2, frames: int = 4, plates: Sequence[bytes | None] = ()
+) -> bytes:
     """Return a film of 64x48 of three GOPs, of which the second is predicted.
 
     Args:
         blending: How pictures are formed.
         spread: Standard deviation of the logarithms of the opacities.
         frames: Frames of each GOP.
+        plates: Those of the first and the third GOP, none = neither has one.
     """
+    first, last = plates or (None, None)
     draw = np.random.default_rng(3)
     mode = (draw.permutation(400) % (DROPPED + 1)).astype(np.uint8)
     changed, moved = (int(np.count_nonzero(mode & bit)) for bit in (CHANGED, MOVED))
@@ -86,11 +116,11 @@ def random_film(blending: Blending, *, spread: float = 2, frames: int = 4) -> by
         motions.quadratic,
     )
     parts = [
-        Part(_random_gop(draw, blending, 400, spread), frames),
+        Part(_random_gop(draw, blending, 400, spread), frames, plate=first),
         Part(_random_gop(draw, blending, 60, spread), frames, carried),
-        Part(_random_gop(draw, blending, 400, spread), frames),
+        Part(_random_gop(draw, blending, 400, spread), frames, plate=last),
     ]
-    return film(parts, (64, 48), blending)
+    return film(parts, RANDOM_SIZE, blending)
 
 
 def _random_gop(draw: np.random.Generator, blending: Blending, count: int, spread: float) -> Gop:

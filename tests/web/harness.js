@@ -20,6 +20,14 @@ globalThis.harness = {
     return Film.open(await openSource(from), options);
   },
 
+  /** A film in the worker of the player. */
+  async openRemote(url) {
+    const { RemoteFilm } = await import("/remote_film.js");
+    const film = new RemoteFilm();
+    await film.open(new URL(url, location.href).href);
+    return film;
+  },
+
   /** What a decoder says to bytes: "ok", or the name and the sentence of the error. */
   async verdict(bytes) {
     try {
@@ -69,7 +77,7 @@ globalThis.harness = {
     const { Timeline } = await import("/timeline.js");
     const { Renderer } = await import("/renderer.js");
     const { View } = await import("/view.js");
-    const film = await this.openFilm(new URL(url, location.href).href);
+    const film = await this.openRemote(url);
     let wake = null;
     const stage = new Stage(document.createElement("canvas"), () => wake());
     stage.renderer = new Renderer(stage.canvas, { bits });
@@ -94,14 +102,39 @@ globalThis.harness = {
     const gl = stage.renderer.gl;
     const error = gl.getError();
     gl.getExtension("WEBGL_lose_context").loseContext();
+    film.close();
     return { found, bits: stage.renderer.bits, error };
+  },
+
+  /** How often the plates of a film are decoded, and asked for; which GOPs share that of GOP 0. */
+  async plates(url) {
+    const local = await this.openFilm(new URL(url, location.href).href);
+    const { decode } = ImageDecoder.prototype;
+    let decoded = 0, asked = 0;
+    ImageDecoder.prototype.decode = function (...args) {
+      decoded++;
+      return decode.apply(this, args);
+    };
+    const film = await this.openRemote(url), call = film.call.bind(film);
+    film.call = (method, ...args) => {
+      if (method === "plate") asked++;
+      return call(method, ...args);
+    };
+    const gops = [];
+    for (const index of [1, 0, 1, 2]) {
+      gops[index] = await film.gop(index);
+      await local.gop(index);
+    }
+    ImageDecoder.prototype.decode = decode;
+    film.close();
+    return { decoded, asked, shared: gops.map(({ plate }) => plate === gops[0].plate) };
   },
 
   /** Draw 140 x 100 pixels of the first picture at 482 x 270, from the column 57 of the row 81. */
   async part(url, rotation, mirrored) {
     const { Renderer } = await import("/renderer.js");
     const { View } = await import("/view.js");
-    const film = await this.openFilm(new URL(url, location.href).href);
+    const film = await this.openRemote(url);
     const { width, height } = film.header;
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [140, 100];
@@ -112,6 +145,7 @@ globalThis.harness = {
     });
     renderer.clear();
     renderer.draw(renderer.scene(await film.gop(0)), -1, view);
+    film.close();
     return this.toText(this.codes({ canvas, renderer }));
   },
 };

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gsvrcodec.bitstream.chunk import HEAD_TYPE
+from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE
 from gsvrcodec.bitstream.gop_chain import GopUnpacker
+from gsvrcodec.bitstream.plate import unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
@@ -22,9 +23,9 @@ from gsvrcodec.model import passage, reconstruction
 from gsvrcodec.model.attributes import TRIPLANE_CHANNELS, attributes_of
 from gsvrcodec.model.reconstruction import Blending
 from tests import fuzz
-from tests.tampering import edited
+from tests.tampering import TABLE_OFFSET, Piece, edited, joined, patched, pieces
 from tests.vectors import make
-from tests.web.films import random_film
+from tests.web.films import RANDOM_SIZE, random_film, random_plate
 
 pytestmark = pytest.mark.slow
 
@@ -109,6 +110,87 @@ class TestHeader:
         [(found, sentence)] = verdicts(bench, [content])
         assert found == verdict
         assert said in sentence
+
+
+def with_plate(plate: bytes) -> bytes:
+    """A film whose first GOP stores some bytes as its plate."""
+    return random_film("mean", plates=[plate, None])
+
+
+def second_stores_one(content: bytes) -> bytes:
+    """The film, whose second GOP, a predicted one, says that it stores a plate, too."""
+    chunks = pieces(content)
+    gops = [n for n, chunk in enumerate(chunks) if chunk.type == GOP_TYPE]
+    payload = bytearray(chunks[gops[1]].payload)
+    payload[54] = 1
+    chunks[gops[1]] = Piece(GOP_TYPE, bytes(payload))
+    return joined(chunks)
+
+
+GOOD = random_plate(1)
+FILM = with_plate(GOOD)
+
+
+class TestPlates:
+    @pytest.mark.parametrize(
+        ("content", "verdict", "said"),
+        [
+            (FILM, "ok", ""),
+            (patched(FILM, HEAD_TYPE, 4, "I", 0), "CorruptError", "where none may be"),
+            (patched(FILM, HEAD_TYPE, 4, "I", 3), "UnsupportedError", "flags 3"),
+            (
+                patched(random_film("sum"), HEAD_TYPE, 4, "I", 1),
+                "CorruptError",
+                "plates in a film of sums",
+            ),
+            (patched(random_film("mean"), HEAD_TYPE, 4, "I", 1), "ok", ""),
+            (patched(FILM, GOP_TYPE, 54, "H", 2), "CorruptError", "where none may be"),
+            (second_stores_one(FILM), "CorruptError", "where none may be"),
+            (patched(FILM, GOP_TYPE, TABLE_OFFSET, "I", 2**31), "CorruptError", "too early"),
+            (with_plate(b""), "CorruptError", "no AVIF picture of 64x48 pixels"),
+            (with_plate(GOOD[:200]), "CorruptError", "too early"),
+            (with_plate(GOOD[:-500]), "CorruptError", "too early"),
+            (with_plate(b"x" + GOOD), "CorruptError", "too early"),
+            (with_plate(random_plate(1, (48, 64))), "CorruptError", "of 64x48 pixels"),
+            (with_plate(random_plate(1, pixelformat="420")), "CorruptError", "4:4:4"),
+        ],
+    )
+    def test_verdicts(self, bench: Any, content: bytes, verdict: str, said: str) -> None:
+        assert by_the_package(content) == verdict
+        [(found, sentence)] = verdicts(bench, [content])
+        assert found == verdict
+        assert said in sentence
+
+    def test_samples_are_exact(self, bench: Any) -> None:
+        found = decoded(bench, exact=True)
+        assert found.pop("isYcc")
+        wanted = unpack_plate(GOOD, RANDOM_SIZE).ycc
+        assert np.array_equal(found["texels"], np.moveaxis(wanted, 0, -1))
+
+    def test_a_browser_that_has_colours_alone(self, bench: Any) -> None:
+        found = decoded(bench, exact=False)
+        assert not found.pop("isYcc")
+        wanted = 255 * unpack_plate(GOOD, RANDOM_SIZE).colours.clip(0, 1)
+        assert np.abs(found["texels"] - wanted).max() < 1
+
+
+def decoded(bench: Any, *, exact: bool) -> dict[str, Any]:
+    """Decode the plate in the page, with or without the decoder that tells Y, Cb and Cr."""
+    width, height = RANDOM_SIZE
+    found: dict[str, Any] = bench.evaluate(
+        """async ([text, width, height, exact]) => {
+            const { decodePlate } = await import("/plate.js");
+            const bytes = harness.fromText(text), { ImageDecoder } = window;
+            if (!exact) delete window.ImageDecoder;
+            const { isYcc, texels } = await decodePlate(bytes, { width, height });
+            Object.assign(window, { ImageDecoder });
+            return { isYcc, texels: await harness.toText(texels) };
+        }""",
+        [base64.b64encode(GOOD).decode("ascii"), width, height, exact],
+    )
+    raw = base64.b64decode(found["texels"].partition(",")[2])
+    texels = np.frombuffer(raw, np.uint8).reshape(height, width, 4)
+    return found | {"texels": texels[:, :, :3]}
 
 
 class TestKit:

@@ -17,7 +17,7 @@ import gsvrcodec
 from gsvrcodec.model.reconstruction import Blending
 from tests.vectors import make
 from tests.web.conftest import Site
-from tests.web.films import random_film
+from tests.web.films import plates_alone, random_film, random_plate
 
 pytestmark = pytest.mark.slow
 
@@ -72,6 +72,22 @@ def after_first(path: Path, pictures: list[dict[str, Any]]) -> list[dict[str, An
     return [picture | {"time": float(Fraction(picture["time"]) - first)} for picture in pictures]
 
 
+def part(page: Any, name: str, rotation: int, mirrored: bool) -> NDArray[np.uint8]:
+    """140x100 pixels of the first picture of a film at 482x270, turned, from 57, 81 on."""
+    text = page.evaluate(
+        "([url, turn, mirrored]) => harness.part(url, turn, mirrored)",
+        [f"films/{name}", rotation, mirrored],
+    )
+    raw = base64.b64decode(text.partition(",")[2])
+    return np.frombuffer(raw, np.uint8).reshape(100, 140, 4)[:, :, :3]
+
+
+def cut(whole: NDArray[np.uint8], rotation: int, mirrored: bool) -> NDArray[np.uint8]:
+    """The same part of a whole picture."""
+    turned = np.rot90(whole[:, ::-1] if mirrored else whole, -rotation // 90)
+    return turned[81:181, 57:197]
+
+
 class TestConformance:
     @pytest.mark.parametrize("name", STREAMS)
     @pytest.mark.parametrize(("bits", "most"), [(32, 1), (16, 2)])
@@ -105,6 +121,64 @@ class TestBlendings:
         found = rendered(bench, site, path.name, pictures, bits)
         for picture, codes in zip(pictures, found, strict=True):
             assert_alike(codes, on_cpu(path, picture), 1)
+
+
+class TestPlates:
+    """Pictures behind the Gaussians of a chain, and of the next chain another one, or none."""
+
+    @pytest.mark.parametrize("bits", [32, 16])
+    @pytest.mark.parametrize(("seeds", "spread"), [((1, 2), 1), ((1, 2), 6), ((1, None), 1)])
+    def test_frames_and_passages(
+        self, bench: Any, site: Site, bits: int, seeds: tuple[int, int | None], spread: float
+    ) -> None:
+        plates = [None if seed is None else random_plate(seed) for seed in seeds]
+        path = site.films / f"plates-{seeds[1]}-{spread}.gsvr"
+        path.write_bytes(random_film("mean", spread=spread, plates=plates))
+        pictures = [
+            {"time": time, "width": width, "height": height}
+            for time in (0, 40, 131, 200, 320, 440)
+            for width, height in ((64, 48), (93, 70), (40, 30), (7, 5), (150, 20), (1, 1))
+        ]
+        found = rendered(bench, site, path.name, pictures, bits)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture), 1)
+
+    def test_cross_fade(self, bench: Any, site: Site) -> None:
+        path = site.films / "plates-alone.gsvr"
+        path.write_bytes(plates_alone())
+        pictures = [{"time": time, "width": 64, "height": 48} for time in (0, 131, 150, 160)]
+        found = rendered(bench, site, path.name, pictures, 32)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture), 1)
+        assert np.mean(found[0]) + 5 < np.mean(found[1]) < np.mean(found[2]) - 5
+
+    @pytest.mark.parametrize(("layers", "cpu"), [("moving", "dynamic"), ("standing", "static")])
+    def test_they_stand(self, bench: Any, site: Site, layers: str, cpu: str) -> None:
+        path = site.films / "plates-layers.gsvr"
+        path.write_bytes(random_film("mean", plates=[random_plate(1), None]))
+        pictures = [
+            {"time": time, "width": 64, "height": 48, "options": {"layers": layers}}
+            for time in (0, 131, 200)
+        ]
+        found = rendered(bench, site, path.name, pictures, 32)
+        for picture, codes in zip(pictures, found, strict=True):
+            assert_alike(codes, on_cpu(path, picture, layers=cpu), 1)
+
+    def test_a_part_is_cut_from_the_whole(self, bench: Any, site: Site) -> None:
+        path = site.films / "plates-part.gsvr"
+        path.write_bytes(random_film("mean", plates=[random_plate(1), None]))
+        whole = on_cpu(path, {"time": 0, "width": 482, "height": 270})
+        assert_alike(part(bench, path.name, 90, True), cut(whole, 90, True), 1)
+
+    def test_a_chain_has_one(self, bench: Any, site: Site) -> None:
+        """A plate is decoded once, and comes to the page once, however its GOPs are asked for."""
+        path = site.films / "plates-chain.gsvr"
+        path.write_bytes(random_film("mean", plates=[random_plate(1), random_plate(2)]))
+        assert bench.evaluate("url => harness.plates(url)", f"films/{path.name}") == {
+            "decoded": 2,
+            "asked": 2,
+            "shared": [True, True, False],
+        }
 
 
 class TestBetweenGops:
@@ -153,14 +227,4 @@ class TestViews:
         whole = on_cpu(
             path, {"time": described("film-odd")[0]["time"], "width": 482, "height": 270}
         )
-        if mirrored:
-            whole = whole[:, ::-1]
-        turned = np.rot90(whole, -rotation // 90)
-        text = bench.evaluate(
-            "([url, turn, mirrored]) => harness.part(url, turn, mirrored)",
-            [f"films/{path.name}", rotation, mirrored],
-        )
-        raw = base64.b64decode(text.partition(",")[2])
-        part = np.frombuffer(raw, np.uint8).reshape(100, 140, 4)[:, :, :3]
-        # The place of the picture on the screen is -57, -81.
-        assert_alike(part, turned[81:181, 57:197], 1)
+        assert_alike(part(bench, path.name, rotation, mirrored), cut(whole, rotation, mirrored), 1)

@@ -27,6 +27,7 @@ from tests.web.driving import (
     shows,
     until,
 )
+from tests.web.films import random_film, random_plate
 
 pytestmark = pytest.mark.slow
 
@@ -34,11 +35,25 @@ pytestmark = pytest.mark.slow
 class TestPicture:
     def test_is_that_of_the_decoder(self, page: Any, site: Site) -> None:
         opened(page, site, FILM)
+        self.assert_first(page, site.films / FILM)
+
+    def test_has_its_plate_in_a_page_from_the_disk(
+        self, page: Any, tmp_path: Path, site: Site
+    ) -> None:
+        path, target = site.films / "plates-player.gsvr", tmp_path / "plates.html"
+        path.write_bytes(random_film("mean", plates=[random_plate(1), None]))
+        export_page(path, target)
+        page.goto(target.as_uri())
+        until(lambda: moment(page)[0] >= 0)
+        self.assert_first(page, path)
+
+    def assert_first(self, page: Any, film: Path) -> None:
+        """The first picture of a film is seen, and black beside it."""
         seen = at_rest(page)
         size = rendered_size(page)
-        with gsvrcodec.open(site.films / FILM) as decoder:
+        with gsvrcodec.open(film) as decoder:
             wanted = np.asarray(decoder.render(decoder[0].pts_seconds, size=size))
-        left, top = (seen.shape[1] - size[0]) // 2, (seen.shape[0] - size[1]) // 2
+        left, top = (seen.shape[1] - size[0] + 1) // 2, (seen.shape[0] - size[1] + 1) // 2
         part = seen[top : top + size[1], left : left + size[0]]
         assert np.mean(np.abs(part.astype(int) - wanted)) < 0.1
         assert not seen[:, : max(left - 1, 0)].any()
