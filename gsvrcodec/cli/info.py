@@ -129,6 +129,7 @@ def _lines(info: FileInfo) -> Iterator[str]:
         "version": meta.version
         + ", pictures are sums" * (info.blending == "sum")
         + ", planes as PNG or JPEG XL" * info.image_codecs
+        + ", plates" * info.plates
         + ", written as a stream" * info.stream,
         "picture": picture,
         "frames": f"{meta.frames:,} at {float(meta.average_rate):.5g} a second",

