@@ -105,6 +105,7 @@ class GopUnpacker:
         header = self._reader.header
         whole, kept, plate = content.new, None, None
         if content.plate is not None:
+            self._limits.check_expansion(3 * header.width * header.height, len(content.plate))
             plate = unpack_plate(content.plate, (header.width, header.height))
         if known is not None and content.carried is not None:
             whole = content.gop(known.gop, len(known.pts), header.blending)

@@ -14,13 +14,15 @@ from gsvrcodec.fit.tuned import PLATE
 
 
 def still_picture(frames: Frames) -> Picture | None:
-    """Return what stands still, (H, W, 3); None where it is too little for a plate.
+    """Return what stands still, (H, W, 3); None where it is too little, or lasts too short.
 
     Where it moves, the picture has what is there most of the time.
 
     Args:
         frames: (F, H, W, 3) of the GOP.
     """
+    if len(frames) < PLATE.least_frames:
+        return None
     shown = frames[some_frames(len(frames), PLATE.frames)]
     middle = median(shown)
     still = stands_still(shown, middle)

@@ -56,6 +56,7 @@ class _Start:
 class _Plate:
     """Plates of key GOPs."""
 
+    least_frames: int = 6  #: of a GOP: a plate shows what lasts
     frames: int = 9  #: most frames that a median is taken of
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes

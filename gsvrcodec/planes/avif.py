@@ -11,8 +11,8 @@ from gsvrcodec.errors import CorruptError
 
 #: `color_range` of a frame of full range.
 _FULL_RANGE = 2
-#: Effort of the AV1 encoder: slower ones take 8 to 20 times as long and save 2 to 4 % at most.
-_SPEED = 6
+#: Effort of the AV1 encoder: slower ones take 2 to 50 times as long and save 1 to 4 %.
+_SPEED = 8
 
 
 def encode(picture: NDArray[np.uint8], quality: int) -> bytes:

@@ -3,7 +3,7 @@
 import { Cursor } from "./bytes.js";
 import { readType } from "./chunks.js";
 import { check } from "./errors.js";
-import { allocate } from "./limits.js";
+import { allocate, limitExpansion } from "./limits.js";
 
 const type = "image/avif";
 
@@ -13,6 +13,7 @@ const type = "image/avif";
  */
 export async function decodePlate(bytes, { width, height }) {
   const size = `${width}x${height}`;
+  limitExpansion(width * height * 3 / 4, bytes.length);
   const traits = new Set(findTraits(new Cursor(bytes), ["meta", "iprp", "ipco"]));
   const right = traits.size === 2 && traits.has(size) && traits.has("0");
   check(right, `its plate is no AVIF picture of ${size} pixels, 8 bits and 4:4:4.`);

@@ -21,7 +21,7 @@ from gsvrcodec.report.inspect import inspect_bytes
 from tests.benchmarks.machine import command, commit, machine
 
 #: Of the files that are measured.
-BITSTREAM = "1.0-rc3"
+BITSTREAM = "1.0-rc4"
 #: Between two looks at the memory in use, seconds.
 _INTERVAL = 0.2
 

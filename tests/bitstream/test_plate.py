@@ -12,7 +12,7 @@ from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop, u
 from gsvrcodec.bitstream.header import PLATES_FLAG
 from gsvrcodec.bitstream.plate import find_plate, plate_bytes
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.errors import CorruptError
+from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
 from tests.gops import (
     BITS,
@@ -92,6 +92,14 @@ def test_the_writer_sets_the_flag_with_the_first_plate() -> None:
             assert writer.header.plates == has
     with pytest.raises(ValueError, match="plates or image codecs in a stream"):
         GsvrWriter(io.BytesIO(), HEADER, stream=True).add_gop(payload)
+
+
+def test_bombs() -> None:
+    """A few bytes of one colour are not decoded to a picture that is over the limit."""
+    data = make_file([pack_gop(make_gop(0), *TIMES, 0, BITS, plate=PLATE)])
+    assert decode_all(data, Limits(expansion_base=9300 - len(PLATE), expansion_ratio=1))
+    with pytest.raises(LimitError, match="would expand to 9216 bytes"):
+        decode_all(data, Limits(expansion_base=9200 - len(PLATE), expansion_ratio=1))
 
 
 def test_of_another_size() -> None:

@@ -388,7 +388,9 @@ def decode_plate(data: bytes, header: Header) -> npt.NDArray[np.uint8]:
     """Return Y, Cb and Cr of the plate of section 5.7, [Hc, Wc, 3]."""
     import av
 
-    most = {"max_pixels": str(header.width * header.height)}
+    pixels = header.width * header.height
+    limit(3 * pixels, 2**26 + 4096 * len(data), "Bytes of a plate")
+    most = {"max_pixels": str(pixels)}
     try:
         # The name of the format keeps others away; the options are for what finds the streams.
         with av.open(io.BytesIO(data), "r", format="mov", options=most) as container:

@@ -162,7 +162,8 @@ def a_plate(width: int, height: int, seed: int = 0) -> bytes:
     """A coded plate of soft colours."""
     draw = np.random.default_rng(seed)
     few = draw.integers(0, 256, (5, 8, 3), np.uint8)
-    return avif.encode(cv2.resize(few, (width, height), interpolation=cv2.INTER_CUBIC), 60)
+    soft = cv2.resize(few, (width, height), interpolation=cv2.INTER_CUBIC)
+    return avif.encode(np.asarray(soft, np.uint8), 60)
 
 
 def plates() -> bytes:

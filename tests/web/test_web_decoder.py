@@ -15,7 +15,7 @@ import pytest
 
 from gsvrcodec.bitstream.chunk import GOP_TYPE, HEAD_TYPE
 from gsvrcodec.bitstream.gop_chain import GopUnpacker
-from gsvrcodec.bitstream.plate import unpack_plate
+from gsvrcodec.bitstream.gop_payload import unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.errors import CorruptError, UnsupportedError
 from gsvrcodec.limits import Limits
