@@ -24,14 +24,14 @@ class OverTime:
 
     def __init__(self, frames: Frames) -> None:
         self._count = count = len(frames)
-        self.mean, self._variance = np.empty((2, *frames.shape[1:]), np.float32)
+        self._mean, self._variance = np.empty((2, *frames.shape[1:]), np.float32)
         for top in range(0, frames.shape[1], _ROWS):
             rows, own = frames[:, top : top + _ROWS], slice(top, top + _ROWS)
             total, squares = np.zeros((2, *rows.shape[1:]), np.float32)
             for part in rows:
                 cv2.accumulate(part, total)
                 cv2.accumulateSquare(part, squares)
-            self.mean[own] = total / count
+            self._mean[own] = total / count
             self._variance[own] = (squares - total * total / count) / max(count - 1, 1)
 
     def moving(self, worth: float) -> Moving:
@@ -53,7 +53,7 @@ class OverTime:
             worth: squared error as for `moving`.
         """
         noise = self._variance * (1 + 1 / self._count)
-        return self._more(np.square(self.mean - before) - noise, worth)
+        return self._more(np.square(self._mean - before) - noise, worth)
 
     def _more(self, squares: Float32Array, worth: float) -> Moving:
         """Where squared differences, (H, W, 3), are more in the mean of a box, over all frames."""
