@@ -42,16 +42,18 @@ class Footage:
 def backdrop(
     background: Gop | None, size: Size, coded_size: Size, backend: Backend
 ) -> Samples | None:
-    """Return the sums of a background and the plate, (H, W, 4), where the backend adds them.
+    """Return the sums of a background and of the plate, (H, W, 4), where the backend adds them.
+
+    None where there is neither.
 
     Args:
-        background: static Gaussians; None = none, and then the sums are None.
+        background: static Gaussians; None = none.
         size: width and height to draw at.
         coded_size: width and height that scales are relative to.
         backend: draws.
     """
     if background is None:
-        return None
+        return backend.behind(size)
     prepared = backend.prepare(background)
     return backend.upload(backend.sums(prepared, 0.0, size, coded_size))
 
