@@ -15,7 +15,8 @@ from gsvrcodec.fit.relocate import losses
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import PREDICTION, RELOCATION, SLOPE
-from gsvrcodec.model.gop import Gop
+from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.plate import PLATE_WEIGHT
 from gsvrcodec.model.reconstruction import GROUND
 from gsvrcodec.render.backend import Size
 
@@ -95,18 +96,17 @@ def _squared_error(parameters: Parameters, footage: Footage) -> float:
     if parameters.background is None and plate is None:
         pairs = zip(pictures, frames[shown], strict=True)
         return fmean(cv2.norm(*pair, cv2.NORM_L2SQR) / pair[0].size for pair in pairs)
-    alone = backend.over(None)
+    behind: float | Float32Array = PLATE_WEIGHT
     if parameters.background is not None:
         behind = backend.sums(backend.prepare(parameters.background), 0.0, size, size)[..., 3]
-    else:
-        assert plate is not None
-        behind = plate.sums(size)[..., 3]
+    usual = None if plate is None else plate.shown()
+    alone = backend.over(None)
     own, errors = alone.prepare(parameters.gop()), []
     for picture, index in zip(pictures, shown, strict=True):
         weight = alone.sums(own, float(footage.taus[index]), size, size)[..., 3]
         squares = over_channels(np.square(cv2.absdiff(picture, frames[index]), dtype=np.float32))
         share = weight / (weight + behind + GROUND)
-        if plate is not None:
-            share = np.maximum(share, differs(frames[index], plate.shown()))
+        if usual is not None:
+            share = np.maximum(share, differs(frames[index], usual))
         errors.append(float((squares / 3 * share).mean()))
     return fmean(errors)

@@ -48,12 +48,13 @@ def decode(data: bytes, size: tuple[int, int] | None) -> NDArray[np.uint8]:
     try:
         with av.open(io.BytesIO(data), "r", format="mov", options=limit) as file:
             stream = file.streams.video[0]
+            codec = stream.codec_context.codec.canonical_name
+            if codec != "av1":
+                raise CorruptError(f"the plate is coded as {codec}, expected AV1")
             stream.codec_context.options = limit
             frame = next(file.decode(stream))
-    except (av.error.FFmpegError, ValueError, IndexError, StopIteration) as error:
+    except (av.error.FFmpegError, UnicodeDecodeError, IndexError, StopIteration) as error:
         raise CorruptError("the plate is no AVIF picture that can be decoded") from error
-    if stream.codec_context.name not in ("av1", "libdav1d"):
-        raise CorruptError(f"the plate is coded as {stream.codec_context.name}, expected AV1")
     if size not in (None, (frame.width, frame.height)):
         raise CorruptError(f"plate of {frame.width}x{frame.height} pixels, not of the coded size")
     if frame.format.name not in ("yuv444p", "yuvj444p") or frame.color_range != _FULL_RANGE:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from contextlib import suppress
 
+import av
 import cv2
 import imagecodecs
 import numpy as np
@@ -41,6 +43,17 @@ def avif_of(pixelformat: str) -> bytes:
     return bytes(imagecodecs.avif_encode(PICTURE, level=60, pixelformat=pixelformat))
 
 
+def h264() -> bytes:
+    """A film of one frame that is as a plate has to be, but for its codec."""
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as output:
+        stream = output.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 160, 96, "yuvj444p"
+        output.mux(stream.encode(av.VideoFrame.from_ndarray(PICTURE, format="rgb24")))
+        output.mux(stream.encode(None))
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("data", "says"),
     [
@@ -52,8 +65,9 @@ def avif_of(pixelformat: str) -> bytes:
         (avif_of("420"), "expected 4:4:4"),
         (avif_of("400"), "expected 4:4:4"),
         (bytes(imagecodecs.png_encode(PICTURE)), "no AVIF picture"),
+        (h264(), "coded as h264, expected AV1"),
     ],
-    ids=["empty", "text", "cut", "size", "larger", "420", "grey", "PNG"],
+    ids=["empty", "text", "cut", "size", "larger", "420", "grey", "PNG", "H.264"],
 )
 def test_anything_else_fails(data: bytes, says: str) -> None:
     with pytest.raises(CorruptError, match=says):

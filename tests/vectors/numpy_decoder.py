@@ -395,16 +395,16 @@ def decode_plate(data: bytes, header: Header) -> npt.NDArray[np.uint8]:
         # The name of the format keeps others away; the options are for what finds the streams.
         with av.open(io.BytesIO(data), "r", format="mov", options=most) as container:
             stream = container.streams.video[0]
-            require(stream.codec_context.codec.canonical_name == "av1", "It is not AV1.")
+            require(stream.codec_context.codec.canonical_name == "av1", "The plate is not AV1.")
             stream.codec_context.options = most
             frame = next(container.decode(stream))
-        sides = (frame.width, frame.height)
-        require(sides == (header.width, header.height), f"It has {sides} pixels.")
-        good = frame.format.name in ("yuv444p", "yuvj444p") and frame.color_range == 2
-        require(good, f"It is {frame.format.name} of range {frame.color_range}.")
-        return np.moveaxis(frame.to_ndarray().astype(np.uint8), 0, -1)
-    except Exception as fault:  # of many kinds
-        raise Corrupt(f"The plate is not as it must be: {fault}") from fault
+    except (av.error.FFmpegError, UnicodeDecodeError, IndexError, StopIteration) as fault:
+        raise Corrupt(f"The plate is no AVIF picture that can be decoded: {fault}") from fault
+    sides = (frame.width, frame.height)
+    require(sides == (header.width, header.height), f"The plate has {sides} pixels.")
+    good = frame.format.name in ("yuv444p", "yuvj444p") and frame.color_range == 2
+    require(good, f"The plate is {frame.format.name} of range {frame.color_range}.")
+    return np.moveaxis(frame.to_ndarray().astype(np.uint8), 0, -1)
 
 
 def read_entry(reader: Reader) -> Entry:
