@@ -226,6 +226,7 @@ def limits(
     if not structure.keyint:
         return alone, None
     longer = min(max(1.0, CHAIN.longer_bpp / bpp), CHAIN.longer)
+    shorter = max(min(1.0, CHAIN.shorter_bpp / bpp), CHAIN.shorter)
     longest = round(longer**CHAIN.longest_power * CHAIN.longest)
-    chained = gops(longest, longer * CHAIN.threshold, CHAIN.fast_share)
+    chained = gops(longest, longer * shorter * CHAIN.threshold, CHAIN.fast_share)
     return alone, ChainLimits(max(1, round(structure.keyint * frames / seconds)), chained)

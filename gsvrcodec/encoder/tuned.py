@@ -76,6 +76,8 @@ class _Chain:
     longer_bpp: float = 0.045  #: rate below which both are larger
     longer: float = 2.0  #: cap on the factor of the motion
     longest_power: float = 2.4  #: power of that factor by which the frames are larger
+    shorter_bpp: float = 0.08  #: rate above which the motion is smaller
+    shorter: float = 0.5  #: least factor of the motion
     fast: float = 0.8  #: motion of a frame above which a chain always pays, px
     worth: float = 0.9  #: cap on bits of a chain of slower motion / bits of key GOPs in its place
     fast_share: float = 0.3  #: motion added to a frame / motion of its fastest 1 %

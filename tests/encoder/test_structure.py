@@ -60,15 +60,17 @@ def test_longest_key_gop(settings: dict[str, Any], keyint: float, frames: int) -
     assert (chained is None) == (keyint == 0 or settings.get("profile") == "paper")
 
 
-def test_gops_follow_more_motion_at_low_rates() -> None:
+def test_the_lower_the_rate_the_more_motion_a_gop_follows() -> None:
     def threshold(**settings: Any) -> float:
         alone, chained = found(**settings)
         assert alone.motion == ANALYSIS.threshold
         assert chained is not None
         return chained.gops.motion
 
-    assert threshold() == threshold(bpp=0.2) == CHAIN.threshold
+    assert threshold(bpp=0.06) == CHAIN.threshold
     assert threshold(bpp=0.001) == threshold(bpp=0.001, gop_max=9) == 2 * CHAIN.threshold
+    assert threshold(bpp=1.0) == CHAIN.shorter * CHAIN.threshold
+    assert threshold(crf=20) < threshold(crf=26) < threshold(crf=36)
 
 
 def test_low_quality_has_longer_key_gops() -> None:
