@@ -59,6 +59,8 @@ def chain_jobs(
                 before = chain.take(number)[-1].copy()
             continue
         asked = time.perf_counter()
+        wide = settings.plates and budget.slope is not None and not number
+        several = chain.take_several() if wide else None
         frames = chain.take(number)
         left = None
         if seconds is not None:
@@ -81,7 +83,9 @@ def chain_jobs(
             seconds=left,
             reference=state.reference,
             before=before,
+            several=several,
         )
+        del several
         before = frames[-1].copy()  # without the others
         del frames
         result = yield job

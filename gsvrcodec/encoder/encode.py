@@ -76,9 +76,10 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
 
-    The source is read twice, frame by frame: to analyse its motion, and to fit it; what can be read
-    only once, and frames from memory, wait in a temporary file. A file `dst` appears when it is
-    whole; until then finished GOPs are kept in `dst` + ".part".
+    The source is read twice, frame by frame: to analyse its motion, and to fit it; some frames are
+    read once more, for plates. What can be read only once, and frames from memory, wait in a
+    temporary file. A file `dst` appears when it is whole; until then finished GOPs are kept in
+    `dst` + ".part".
 
     Args:
         src: what to encode, one of

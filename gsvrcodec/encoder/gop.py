@@ -123,7 +123,7 @@ class _Fitter:
         job, slope = self.job, self.job.budget.slope
         if slope is None or not job.settings.plates:
             return
-        picture = still_picture(job.frames)
+        picture = still_picture(job.frames, job.several)
         if picture is None:
             return
         coded = avif.encode(picture, quality_at(slope.bit / len(job.frames)))

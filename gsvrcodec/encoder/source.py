@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.lookahead import Lookahead, checksum
 from gsvrcodec.errors import GsvrError, InputError, NotAVideoError
+from gsvrcodec.fit.footage import some_frames
+from gsvrcodec.fit.tuned import PLATE
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.video import Rgb, VideoReader, open_video
 
@@ -26,7 +28,7 @@ Pictures = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedPictures:
-    """Packed pictures of one GOP."""
+    """Packed pictures."""
 
     frames: list[bytes]  #: a JPEG XL codestream each
     size: tuple[int, int]  #: height and width, pixels
@@ -78,10 +80,10 @@ class SharedSource:
         return {**self.__dict__, "_video": None, "_going_on": iter(())}
 
     def pictures(self, pts: Sequence[int], checksums: Sequence[int]) -> Pictures:
-        """Read successive pictures, (F, H, W, 3) RGB.
+        """Read pictures, (F, H, W, 3) RGB.
 
         Args:
-            pts: timestamps, ticks.
+            pts: timestamps, ticks, one later than the other.
             checksums: of the samples of each.
 
         Raises:
@@ -113,9 +115,9 @@ def _matching(frames: _Frames, pts: Sequence[int], checksums: Sequence[int]) -> 
     """Return pictures with these timestamps and checksums, or None at the first that differs."""
     found: list[Rgb] = []
     for now, picture in frames:
-        if now < pts[0]:
+        if now < pts[len(found)]:
             continue
-        if now != pts[len(found)]:
+        if now > pts[len(found)]:
             return None
         found.append(picture())
         if checksum(found[-1]) != checksums[len(found) - 1]:
@@ -127,7 +129,7 @@ def _matching(frames: _Frames, pts: Sequence[int], checksums: Sequence[int]) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedPictures:
-    """Pictures of one GOP, in a source that is read when they are wanted."""
+    """Pictures in a source that is read when they are wanted."""
 
     source: SharedSource
     pts: Sequence[int]  #: ticks
@@ -143,45 +145,46 @@ class SharedPictures:
 
 
 class _Onward:
-    """Reads a video forward: pictures of a GOP, then of one that begins there or later."""
+    """Reads a video forward: some pictures, then some that come later."""
 
     def __init__(self, video: VideoReader) -> None:
         self._info, self._later = video.info, video.pictures()
         self.next = 0  #: number of the frame that comes next
-        self.stop = 0  #: of the chain that it reads
+        self.stop = 0  #: behind the last frame that it is to read
 
-    def read(self, gop: range) -> Pictures:
+    def read(self, numbers: Sequence[int]) -> Pictures:
         """Return pictures, (F, H, W, 3) RGB; InputError if the video has become shorter."""
         info = self._info
-        pictures = np.empty((len(gop), info.height, info.width, 3), np.uint8)
-        wanted = islice(self._later, gop.start - self.next, gop.stop - self.next)
-        found = 0
-        for found, picture in enumerate(wanted, 1):
-            pictures[found - 1] = picture()
-        if found < len(gop):
-            raise InputError(f"{info.path} became shorter while it was read")
-        self.next = gop.stop
+        pictures = np.empty((len(numbers), info.height, info.width, 3), np.uint8)
+        for out, number in zip(pictures, numbers, strict=True):
+            picture = next(islice(self._later, number - self.next, None), None)
+            if picture is None:
+                raise InputError(f"{info.path} became shorter while it was read")
+            out[:] = picture()
+            self.next = number + 1
         return pictures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaterPictures:
-    """Pictures of one GOP that are read when they are wanted, after those of the GOP before."""
+    """Pictures that are read when they are wanted."""
 
-    gop: range  #: numbers of the frames
-    reader: _Onward
+    numbers: Sequence[int]  #: of the frames
+    read: Callable[[Sequence[int]], Pictures]
 
     def __len__(self) -> int:
         """Return how many pictures there are."""
-        return len(self.gop)
+        return len(self.numbers)
 
     def unpacked(self) -> Pictures:
         """Return (F, H, W, 3) RGB; raises as `_Onward.read`."""
-        return self.reader.read(self.gop)
+        return self.read(self.numbers)
 
 
+#: Pictures that are not at hand.
+_Absent = PackedPictures | SharedPictures | LaterPictures
 #: Pictures of one GOP, at hand or not.
-GopPictures = Pictures | PackedPictures | SharedPictures | LaterPictures
+GopPictures = Pictures | _Absent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,11 +196,16 @@ class ChainFrames:
     pictures: list[GopPictures]
     pts: list[Ticks]  #: (F,) ticks of each
     durations: list[Ticks]  #: (F,) ticks of each
+    several: _Absent | None = None  #: some of all its pictures; None = they are in one GOP
 
     def take(self, number: int) -> Pictures:
         """Return the pictures of a GOP, (F, H, W, 3), and let go of them."""
         found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
         return found if isinstance(found, np.ndarray) else found.unpacked()
+
+    def take_several(self) -> Pictures | None:
+        """Return some of all pictures, (K, H, W, 3); None if they are in one GOP."""
+        return None if self.several is None else self.several.unpacked()
 
 
 class ChainReader(Protocol):
@@ -235,21 +243,32 @@ class ReadHere(ChainReader):
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read when they are taken, GOP by GOP."""
         left_out = max(finished - 1, 0)
-        reader = self._reader(chain[left_out].start)
-        reader.stop = chain[-1].stop
+        reader = self._reader(range(chain[left_out].start, chain[-1].stop))
+        later = [LaterPictures(gop, reader.read) for gop in chain[left_out:]]
         pictures: list[GopPictures] = [np.empty((0, 0, 0, 3), np.uint8)] * left_out
-        for gop in chain[left_out:]:
-            later = LaterPictures(gop, reader)
-            pictures.append(packed(later.unpacked()) if self._pack else later)
-        return ChainFrames(chain, pictures, *_times_of(chain, self._times))
+        several: _Absent | None = None
+        numbers = _several(chain) if len(chain) > 1 and not finished else []
+        if self._pack:
+            sent = [packed(one.unpacked()) for one in later]
+            pictures += sent
+            if numbers:
+                frames = [frame for one in sent for frame in one.frames]
+                chosen = [frames[number - chain[0].start] for number in numbers]
+                several = PackedPictures(chosen, sent[0].size)
+        else:
+            pictures += later
+            if numbers:
+                several = LaterPictures(numbers, lambda some: self._reader(some).read(some))
+        return ChainFrames(chain, pictures, *_times_of(chain, self._times), several)
 
-    def _reader(self, first: int) -> _Onward:
-        """Return the reader that has done its chain and is nearest before a frame, or a new one."""
-        done = [one for one in self._readers if one.stop <= one.next <= first]
+    def _reader(self, numbers: Sequence[int]) -> _Onward:
+        """Return a reader for frames: one that is done, the nearest before them, or a new one."""
+        done = [one for one in self._readers if one.stop <= one.next <= numbers[0]]
         if not done:
             self._readers.append(_Onward(self._video))
-            return self._readers[-1]
-        return max(done, key=lambda one: one.next)
+        reader = max(done, key=lambda one: one.next, default=self._readers[-1])
+        reader.stop = numbers[-1] + 1
+        return reader
 
 
 class ReadThere(ChainReader):
@@ -272,9 +291,20 @@ class ReadThere(ChainReader):
         source, known = SharedSource(self._path, self._options), self._known
         pictures: list[GopPictures] = []
         for gop in chain:
-            own = slice(gop.start, gop.stop)
-            pictures.append(SharedPictures(source, known.pts[own], known.checksums[own]))
-        return ChainFrames(chain, pictures, *_times_of(chain, known))
+            pictures.append(self._shared(source, gop))
+        several = self._shared(source, _several(chain)) if len(chain) > 1 else None
+        return ChainFrames(chain, pictures, *_times_of(chain, known), several)
+
+    def _shared(self, source: SharedSource, numbers: Sequence[int]) -> SharedPictures:
+        known = self._known
+        pts, checksums = ([of[n] for n in numbers] for of in (known.pts, known.checksums))
+        return SharedPictures(source, pts, checksums)
+
+
+def _several(chain: Chain) -> list[int]:
+    """Numbers of some frames of a chain, evenly spread."""
+    frames = range(chain[0].start, chain[-1].stop)
+    return [frames[n] for n in some_frames(len(frames), PLATE.frames)]
 
 
 def _times_of(chain: Chain, times: Times) -> tuple[list[Ticks], list[Ticks]]:

@@ -13,24 +13,29 @@ from gsvrcodec.fit.start import density
 from gsvrcodec.fit.tuned import PLATE
 
 
-def still_picture(frames: Frames) -> Picture | None:
+def still_picture(frames: Frames, several: Frames | None = None) -> Picture | None:
     """Return what stands still, (H, W, 3); None where it is too little, or lasts too short.
 
-    Where it moves, the picture has what is there most of the time.
+    Where it moves, the picture has what is there most of the time: in the whole chain, where most
+    of the picture stands still that long, or else in the GOP.
 
     Args:
         frames: (F, H, W, 3) of the GOP.
+        several: (K, H, W, 3) some frames of its chain, evenly spread; None = the GOP is all of it.
     """
     if len(frames) < PLATE.least_frames:
         return None
-    shown = frames[some_frames(len(frames), PLATE.frames)]
-    middle = median(shown)
-    still = stands_still(shown, middle)
-    if (density(middle[None]) * still).sum() < PLATE.still:
-        return None
-    # Less noise than in the median.
-    mean = frames.mean(axis=0, dtype=np.float32).round().astype(np.uint8)
-    return np.where(still[..., None], mean, middle)
+    own = frames[some_frames(len(frames), PLATE.frames)]
+    for shown in [own] if several is None else [several, own]:
+        middle = median(shown)
+        still = stands_still(shown, middle)
+        if (density(middle[None]) * still).sum() >= PLATE.still:
+            # Less noise than in the median.
+            every = frames if shown is own else np.concatenate([frames, shown])
+            mean = every.mean(axis=0, dtype=np.float32).round().astype(np.uint8)
+            still &= ~differs(mean, middle)  # as most of the time, all of the time
+            return np.where(still[..., None], mean, middle)
+    return None
 
 
 def pays(coded: int, pixels: int) -> bool:

@@ -57,15 +57,15 @@ class _Plate:
     """Plates of key GOPs."""
 
     least_frames: int = 6  #: of a GOP: a plate shows what lasts
-    frames: int = 9  #: most frames that a median is taken of
+    frames: int = 9  #: most frames of a chain that a median is taken of
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
     still: float = 0.75  #: least share of the detail of the picture that stands still
-    least_bits: float = 1.3  #: bits a pixel below which Gaussians do better
+    least_bits: float = 1.6  #: bits a pixel below which Gaussians do better
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
     #: the quality is 100 - loss worth^power, with what a bit has to save in each frame
-    loss: float = 8.7
+    loss: float = 6.0
     power: float = 0.45
 
 

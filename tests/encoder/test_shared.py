@@ -84,6 +84,10 @@ class TestAnyFrames:
             found = read(path, frames[first : first + 2], **options)
             np.testing.assert_array_equal(found, [f.rgb for f in frames[first : first + 2]])
 
+    def test_some_of_them(self) -> None:
+        frames = frames_of(making.NOISE)[2::3]
+        np.testing.assert_array_equal(read(making.NOISE, frames), [frame.rgb for frame in frames])
+
     def test_numbered_pictures(self, tmp_path: Path) -> None:
         pictures = [np.full((24, 32, 3), 20 * number, np.uint8) for number in range(6)]
         path = making.write_video(tmp_path / "in_%02d.png", pictures)

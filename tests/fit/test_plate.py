@@ -42,6 +42,17 @@ def test_what_passes_is_not_in_it() -> None:
     assert np.abs(picture.astype(int) - texture()).max() < 40  # where the box was long
 
 
+def test_what_only_the_rest_of_a_chain_uncovers_is_in_it() -> None:
+    """A box that stands still in the first GOP, and goes on after it."""
+    waiting = np.repeat(film(9)[:1], 8, axis=0)
+    alone, found = still_picture(waiting), still_picture(waiting, several=film(9))
+    assert alone is not None
+    assert found is not None
+    box = np.s_[32:52, 2:22]
+    assert (alone[box] == 128).all()
+    assert np.abs(found.astype(int) - texture()).mean() < 1
+
+
 def test_noise_goes() -> None:
     picture = still_picture(film(noise=4))
     assert picture is not None
