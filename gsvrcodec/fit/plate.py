@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -16,8 +16,8 @@ from gsvrcodec.fit.tuned import PLATE
 def still_picture(frames: Frames, several: Frames | None = None) -> Picture | None:
     """Return what stands still, (H, W, 3); None where it is too little, or lasts too short.
 
-    Where it moves, the picture has what is there most of the time: in the whole chain, where most
-    of the picture stands still that long, or else in the GOP.
+    Where it moves, the picture has what is there most often: in the whole chain, where most of the
+    picture stands still that long, or else in the GOP.
 
     Args:
         frames: (F, H, W, 3) of the GOP.
@@ -27,14 +27,9 @@ def still_picture(frames: Frames, several: Frames | None = None) -> Picture | No
         return None
     own = frames[some_frames(len(frames), PLATE.frames)]
     for shown in [own] if several is None else [several, own]:
-        middle = median(shown)
-        still = stands_still(shown, middle)
-        if (density(middle[None]) * still).sum() >= PLATE.still:
-            # Less noise than in the median.
-            every = frames if shown is own else np.concatenate([frames, shown])
-            mean = every.mean(axis=0, dtype=np.float32).round().astype(np.uint8)
-            still &= ~differs(mean, middle)  # as most of the time, all of the time
-            return np.where(still[..., None], mean, middle)
+        usual, seen = most_usual(shown)
+        if (density(usual[None]) * (seen >= PLATE.usual * len(shown))).sum() >= PLATE.still:
+            return usual
     return None
 
 
@@ -50,10 +45,28 @@ def pays(coded: int, pixels: int) -> bool:
     return 8 * coded >= PLATE.least_bits * pixels
 
 
-def stands_still(frames: Frames, usual: Picture) -> NDArray[np.bool_]:
-    """Return where most of some frames, (F, H, W, 3), are as a picture, (H, W)."""
-    count = sum((~differs(frame, usual)).astype(np.uint8) for frame in frames)
-    return np.asarray(count >= PLATE.usual * len(frames))
+def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
+    """Return what most pictures show, place by place, and how many of them do, (H, W).
+
+    It is the mean of those pictures, which has less noise than any of them.
+
+    Args:
+        pictures: (K, H, W, 3).
+    """
+    alike = np.ones(pictures.shape[:3], np.uint8)
+    for one, other in combinations(range(len(pictures)), 2):
+        same = ~differs(pictures[one], pictures[other])
+        alike[one] += same
+        alike[other] += same
+    best = alike.argmax(axis=0)
+    middle = np.take_along_axis(pictures, best[None, ..., None], axis=0)[0]
+    total, count = np.zeros(middle.shape, np.float32), np.zeros(middle.shape[:2], np.uint8)
+    for picture in pictures:
+        same = ~differs(picture, middle)
+        total += picture * same[..., None]
+        count += same
+    mean = (total / np.maximum(count, 1)[..., None]).round().astype(np.uint8)
+    return np.where(count[..., None] > 0, mean, middle), count
 
 
 def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
@@ -69,16 +82,3 @@ def quality_at(worth: float) -> int:
         worth: Squared 8-bit codes, mean of the channels.
     """
     return max(0, round(100 - PLATE.loss * float(np.power(worth, PLATE.power))))
-
-
-def median(pictures: Sequence[Picture] | Frames) -> Picture:
-    """Return the median of pictures, (H, W, 3), by pixel and channel; of two middle ones the later.
-
-    Quicker than sorting along the first axis: whole pictures are compared.
-    """
-    ordered: list[Picture] = list(pictures)
-    for turn in range(len(ordered)):
-        for n in range(turn % 2, len(ordered) - 1, 2):
-            low, high = ordered[n : n + 2]
-            ordered[n : n + 2] = np.minimum(low, high), np.maximum(low, high)
-    return ordered[len(ordered) // 2]

@@ -57,7 +57,7 @@ class _Plate:
     """Plates of key GOPs."""
 
     least_frames: int = 6  #: of a GOP: a plate shows what lasts
-    frames: int = 9  #: most frames of a chain that a median is taken of
+    frames: int = 9  #: most frames of a chain that are compared
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
