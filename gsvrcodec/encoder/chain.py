@@ -59,7 +59,7 @@ def chain_jobs(
                 before = chain.take(number)[-1].copy()
             continue
         asked = time.perf_counter()
-        wide = settings.plates and budget.slope is not None and not number
+        wide = settings.plates and budget.slope is not None and number == 0
         several = chain.take_several() if wide else None
         frames = chain.take(number)
         left = None

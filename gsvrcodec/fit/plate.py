@@ -46,7 +46,7 @@ def pays(coded: int, pixels: int) -> bool:
 
 
 def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
-    """Return what most pictures show, place by place, and how many of them do, (H, W).
+    """Return what most pictures show, (H, W, 3), and how many of them do, (H, W), place by place.
 
     It is the mean of those pictures, which has less noise than any of them.
 
@@ -72,7 +72,8 @@ def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
 def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
     """Return where a frame, (H, W, 3), is not as a picture, but for noise, (H, W)."""
     apart = cv2.blur(cv2.absdiff(frame, usual), 2 * (PLATE.box_px,))
-    return np.asarray(apart.max(axis=2) >= PLATE.differing)
+    red, green, blue = cv2.split(apart)
+    return np.asarray(cv2.max(cv2.max(red, green), blue) >= PLATE.differing)
 
 
 def quality_at(worth: float) -> int:
