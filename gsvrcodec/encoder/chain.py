@@ -60,7 +60,7 @@ def chain_jobs(
             continue
         asked = time.perf_counter()
         wide = settings.plates and budget.slope is not None and number == 0
-        several = chain.take_several() if wide else None
+        several = chain.unpack_several() if wide else None
         frames = chain.take(number)
         left = None
         if seconds is not None:

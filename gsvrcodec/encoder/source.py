@@ -203,7 +203,7 @@ class ChainFrames:
         found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
         return found if isinstance(found, np.ndarray) else found.unpacked()
 
-    def take_several(self) -> Pictures | None:
+    def unpack_several(self) -> Pictures | None:
         """Return some of all pictures, (K, H, W, 3); None if they are in one GOP."""
         return None if self.several is None else self.several.unpacked()
 

@@ -172,14 +172,14 @@ class TestReadHere:
     def test_some_frames_of_a_whole_chain(self, film: Path, pack: bool) -> None:
         with open_video(film) as video:
             chain = ReadHere(video, times_of(film), pack=pack).read([range(1, 4), range(4, 12)], 0)
-            several = chain.take_several()
+            several = chain.unpack_several()
             assert several is not None
             assert numbers(several) == [1, 2, 3, 5, 6, 7, 9, 10, 11]
             assert numbers(chain.take(0)) == [1, 2, 3]
 
     def test_one_gop_has_no_others(self, reader: ReadHere) -> None:
-        assert reader.read([range(5)], 0).take_several() is None
-        assert reader.read([range(5), range(5, 9)], 1).take_several() is None
+        assert reader.read([range(5)], 0).unpack_several() is None
+        assert reader.read([range(5), range(5, 9)], 1).unpack_several() is None
 
 
 @pytest.mark.parametrize(
