@@ -119,20 +119,21 @@ class _Fitter:
         return budget.target.fit(self._key, gaussians, most, timed=timed)
 
     def _take_plate(self) -> None:
-        """Take a plate for a key GOP, if one pays: it is what lasts of the GOP, then."""
+        """Take a plate for a key GOP, if one pays; then it is most of what lasts."""
         job, slope = self.job, self.job.budget.slope
         if slope is None or not job.settings.plates:
             return
-        picture = still_picture(job.frames, job.several)
-        if picture is None:
+        still = still_picture(job.frames, job.several)
+        if still is None:
             return
-        coded = avif.encode(picture, quality_at(slope.bit / len(job.frames)))
-        if not pays(len(coded), picture[..., 0].size):
+        coded = avif.encode(still.picture, quality_at(slope.bit / len(job.frames)))
+        if not pays(still, len(coded)):
             return
         self.plate = coded
         self.backend = self.backend.over(unpack_plate(self.plate, job.size))
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
-        budget = replace(job.budget, gaussians=count, target=replace(slope, lasting=1.0))
+        target = replace(slope, lasting=min(slope.lasting, PLATE.lasting))
+        budget = replace(job.budget, gaussians=count, target=target)
         self.job = replace(job, budget=budget)
 
     def _key(self, gaussians: int, share: float) -> Fit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import cv2
@@ -13,11 +14,16 @@ from gsvrcodec.fit.start import density
 from gsvrcodec.fit.tuned import PLATE
 
 
-def still_picture(frames: Frames, several: Frames | None = None) -> Picture | None:
-    """Return what stands still, (H, W, 3); None where it is too little, or lasts too short.
+@dataclass(frozen=True, slots=True, eq=False)
+class Still:
+    """What stands still."""
 
-    Where it moves, the picture has what is there most often: in the whole chain, where most of the
-    picture stands still that long, or else in the GOP.
+    picture: Picture  #: (H, W, 3); where it moves, what is there most often
+    lasts: bool  #: most of it for the whole chain
+
+
+def still_picture(frames: Frames, several: Frames | None = None) -> Still | None:
+    """Return what stands still in the whole chain, or else in the GOP; None where it is too little.
 
     Args:
         frames: (F, H, W, 3) of the GOP.
@@ -26,23 +32,31 @@ def still_picture(frames: Frames, several: Frames | None = None) -> Picture | No
     if len(frames) < PLATE.least_frames:
         return None
     own = frames[some_frames(len(frames), PLATE.frames)]
-    for shown in [own] if several is None else [several, own]:
-        usual, seen = most_usual(shown)
-        if (density(usual[None]) * (seen >= PLATE.usual * len(shown))).sum() >= PLATE.still:
-            return usual
-    return None
+    usual, share = _standing(own if several is None else several)
+    if share >= PLATE.mostly:
+        return Still(usual, lasts=share >= PLATE.still)
+    usual, share = _standing(own)
+    return Still(usual, lasts=False) if share >= PLATE.still else None
 
 
-def pays(coded: int, pixels: int) -> bool:
-    """Return whether a plate of so many bytes is better than Gaussians alone.
+def _standing(pictures: Frames) -> tuple[Picture, float]:
+    """Return what most pictures show, (H, W, 3), and the share of its detail that stands still."""
+    usual, seen = most_usual(pictures)
+    still = seen >= PLATE.usual * len(pictures)
+    return usual, float((density(usual[None]) * still).sum())
 
-    Gaussians take more bits for texture than a picture coder, and fewer for what is smooth.
+
+def pays(still: Still, coded: int) -> bool:
+    """Return whether a plate is better than Gaussians alone.
+
+    One that lasts always is. Else Gaussians take more bits for texture, and fewer for what is
+    smooth.
 
     Args:
-        coded: Bytes of the plate.
-        pixels: Of the picture.
+        still: What it shows.
+        coded: Its bytes.
     """
-    return 8 * coded >= PLATE.least_bits * pixels
+    return still.lasts or 8 * coded >= PLATE.least_bits * still.picture[..., 0].size
 
 
 def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
@@ -77,9 +91,10 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
 
 
 def quality_at(worth: float) -> int:
-    """Return the quality of a plate, 0 to 100, where a bit has to save so much in each frame.
+    """Return the quality of a plate, 0 to 100, at which a bit saves what it has to.
 
     Args:
-        worth: Squared 8-bit codes, mean of the channels.
+        worth: What a bit has to save in each frame, squared 8-bit codes, mean of the channels.
     """
-    return max(0, round(100 - PLATE.loss * float(np.power(worth, PLATE.power))))
+    qualities, saved = PLATE.saves.keys(), np.log(list(PLATE.saves.values()))
+    return round(float(np.interp(np.log(worth), saved, list(qualities))))

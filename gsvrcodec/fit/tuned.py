@@ -61,12 +61,30 @@ class _Plate:
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
-    still: float = 0.75  #: least share of the detail of the picture that stands still
-    least_bits: float = 1.6  #: bits a pixel below which Gaussians do better
+    still: float = 0.75  #: share of the detail of the picture that stands still, in what lasts
+    mostly: float = 0.6  #: the same, in a chain of which other parts do not
+    least_bits: float = 1.0  #: bits a pixel below which Gaussians do better, but for what lasts
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
-    #: the quality is 100 - loss worth^power, with what a bit has to save in each frame
-    loss: float = 6.0
-    power: float = 0.45
+    lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP
+    #: squared 8-bit codes that a bit saves at a quality of AV1
+    saves: Mapping[int, float] = field(
+        default_factory=lambda: {
+            97: 0.22,
+            95: 0.45,
+            92: 0.74,
+            89: 1.24,
+            86: 1.83,
+            81: 2.9,
+            76: 4.7,
+            70: 7.3,
+            62: 11.9,
+            54: 22.9,
+            45: 49.0,
+            35: 107.0,
+            25: 235.0,
+            15: 550.0,
+        }
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.plate import differs, most_usual, pays, quality_at, still_picture
+from gsvrcodec.fit.plate import Still, differs, most_usual, pays, quality_at, still_picture
+from gsvrcodec.model.plate import Plate
+from gsvrcodec.planes import avif
 
 Frames = NDArray[np.uint8]
 
@@ -49,10 +51,10 @@ def test_noise_of_what_they_show(count: int) -> None:
 
 
 def test_what_passes_is_not_in_it() -> None:
-    picture = still_picture(film())
-    assert picture is not None
-    assert np.abs(picture.astype(int) - texture()).mean() < 1
-    assert np.abs(picture.astype(int) - texture()).max() < 40  # where the box was long
+    still = still_picture(film())
+    assert still is not None
+    assert np.abs(still.picture.astype(int) - texture()).mean() < 1
+    assert np.abs(still.picture.astype(int) - texture()).max() < 40  # where the box was long
 
 
 def test_what_only_the_rest_of_a_chain_uncovers_is_in_it() -> None:
@@ -62,14 +64,14 @@ def test_what_only_the_rest_of_a_chain_uncovers_is_in_it() -> None:
     assert alone is not None
     assert found is not None
     box = np.s_[32:52, 2:22]
-    assert (alone[box] == 128).all()
-    assert np.abs(found.astype(int) - texture()).mean() < 1
+    assert (alone.picture[box] == 128).all()
+    assert np.abs(found.picture.astype(int) - texture()).mean() < 1
 
 
 def test_noise_goes() -> None:
-    picture = still_picture(film(noise=4))
-    assert picture is not None
-    error = np.square(picture.astype(float) - texture()).mean()
+    still = still_picture(film(noise=4))
+    assert still is not None
+    error = np.square(still.picture.astype(float) - texture()).mean()
     assert error < np.square(film(noise=4)[0].astype(float) - texture()).mean() / 4
 
 
@@ -90,13 +92,57 @@ def test_where() -> None:
     assert differs(film()[0], texture())[40, 10]
 
 
+def curtain(share: float, count: int = 9) -> Frames:
+    """A texture, in front of which others hang down; so much of it is never covered."""
+    frames = np.stack([texture()] * count)
+    top = round((1 - share) * texture().shape[0])
+    for n in range(count):
+        frames[n, :top] = texture(n + 1)[:top]
+    return frames
+
+
+@pytest.mark.parametrize(("share", "lasts"), [(0.9, True), (0.68, False)])
+def test_what_lasts(share: float, lasts: bool) -> None:
+    """Of a whole chain less has to stand still than of a GOP that is a part of it."""
+    still = still_picture(film(), several=curtain(share))
+    assert still is not None
+    assert still.lasts == lasts
+    uncovered = still.picture[40:].astype(int)
+    assert np.abs(uncovered - texture()[40:]).mean() < 1
+
+
+def test_what_lasts_for_one_gop() -> None:
+    still = still_picture(film(), several=curtain(0.5))
+    assert still is not None
+    assert not still.lasts
+    assert np.abs(still.picture.astype(int) - texture()).mean() < 1
+    assert still_picture(curtain(0.68, 12), several=curtain(0.5)) is None
+
+
 def test_quality() -> None:
     """The less a bit has to save in each frame, the better."""
-    found = [quality_at(worth) for worth in (0.1, 1, 4, 16, 64, 1e6)]
+    found = [quality_at(worth) for worth in (0.1, 1, 4, 16, 64, 256, 1e6)]
     assert found == sorted(found, reverse=True)
-    assert 0 == found[-1] < found[0] <= 100
+    assert 0 <= found[-1] < found[0] <= 100
+
+
+def test_a_bit_of_a_plate_saves_what_it_has_to() -> None:
+    """Of the plate, between two qualities about that which is chosen."""
+    picture = np.asarray(cv2.resize(texture(), (320, 192), interpolation=cv2.INTER_CUBIC), np.uint8)
+    for worth in (1.0, 4.0, 16.0):
+        sizes, errors = [], []
+        for step in (-6, 6):
+            coded = avif.encode(picture, quality_at(worth) + step)
+            shown = Plate(avif.decode(coded, None)).shown()
+            sizes.append(len(coded))
+            errors.append(np.square(shown.astype(float) - picture).mean() * picture[..., 0].size)
+        saved = (errors[0] - errors[1]) / (8 * (sizes[1] - sizes[0]))
+        assert worth / 1.6 < saved < worth * 1.6
 
 
 def test_smooth_pictures_are_left_to_gaussians() -> None:
-    assert pays(25_000, 100_000)
-    assert not pays(1_000, 100_000)
+    """But for those that stand still all the time."""
+    picture = np.zeros((250, 400, 3), np.uint8)
+    assert pays(Still(picture, lasts=False), 25_000)
+    assert not pays(Still(picture, lasts=False), 1_000)
+    assert pays(Still(picture, lasts=True), 1_000)
