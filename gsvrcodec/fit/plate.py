@@ -49,14 +49,15 @@ def _standing(pictures: Frames) -> tuple[Picture, float]:
 def pays(still: Still, coded: int) -> bool:
     """Return whether a plate is better than Gaussians alone.
 
-    One that lasts always is. Else Gaussians take more bits for texture, and fewer for what is
-    smooth.
+    One that lasts is, if it shows anything. Else Gaussians take more bits for texture, and fewer
+    for what is smooth.
 
     Args:
         still: What it shows.
         coded: Its bytes.
     """
-    return still.lasts or 8 * coded >= PLATE.least_bits * still.picture[..., 0].size
+    least = PLATE.empty_bits if still.lasts else PLATE.least_bits
+    return 8 * coded >= least * still.picture[..., 0].size
 
 
 def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:

@@ -64,6 +64,8 @@ class _Plate:
     still: float = 0.75  #: share of the detail of the picture that stands still, in what lasts
     mostly: float = 0.6  #: the same, in a chain of which other parts do not
     least_bits: float = 1.0  #: bits a pixel below which Gaussians do better, but for what lasts
+    #: the same for what lasts: a plate may not expand to more than the format allows
+    empty_bits: float = 0.01
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
     lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP
     #: squared 8-bit codes that a bit saves at a quality of AV1

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gsvrcodec.fit.plate import Still, differs, most_usual, pays, quality_at, still_picture
+from gsvrcodec.limits import Limits
 from gsvrcodec.model.plate import Plate
 from gsvrcodec.planes import avif
 
@@ -141,8 +142,16 @@ def test_a_bit_of_a_plate_saves_what_it_has_to() -> None:
 
 
 def test_smooth_pictures_are_left_to_gaussians() -> None:
-    """But for those that stand still all the time."""
+    """But for those that stand still all the time and show something."""
     picture = np.zeros((250, 400, 3), np.uint8)
+    assert not pays(Still(picture, lasts=True), 100)
     assert pays(Still(picture, lasts=False), 25_000)
     assert not pays(Still(picture, lasts=False), 1_000)
     assert pays(Still(picture, lasts=True), 1_000)
+
+
+def test_black_is_no_plate_that_expands_to_more_than_a_decoder_allows() -> None:
+    for width, height in (7680, 4320), (16384, 16384):
+        black = Still(np.broadcast_to(np.uint8(0), (height, width, 3)), lasts=True)
+        least = next(n for n in range(1, 2**31, 1000) if pays(black, n))
+        Limits().check_expansion(3 * width * height, least)
