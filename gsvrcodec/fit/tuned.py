@@ -69,22 +69,22 @@ class _Plate:
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
     lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP
     #: squared 8-bit codes that a bit saves at a quality of AV1
-    saves: Mapping[int, float] = field(
+    saves: Mapping[float, float] = field(
         default_factory=lambda: {
             97: 0.22,
-            95: 0.45,
-            92: 0.74,
-            89: 1.24,
-            86: 1.83,
-            81: 2.9,
-            76: 4.7,
-            70: 7.3,
-            62: 11.9,
-            54: 22.9,
-            45: 49.0,
-            35: 107.0,
-            25: 235.0,
-            15: 550.0,
+            95: 0.48,
+            92.5: 0.8,
+            89.5: 1.35,
+            86: 2.1,
+            81.5: 3.2,
+            76: 5.5,
+            69.5: 8.4,
+            62: 13.7,
+            54: 27.0,
+            45: 57.0,
+            35: 115.0,
+            25: 250.0,
+            15: 570.0,
         }
     )
 
