@@ -129,10 +129,10 @@ def test_quality() -> None:
 
 def test_a_bit_of_a_plate_saves_what_it_has_to() -> None:
     """Of the plate, between two qualities about that which is chosen."""
-    picture = np.asarray(cv2.resize(texture(), (320, 192), interpolation=cv2.INTER_CUBIC), np.uint8)
+    picture = np.asarray(cv2.resize(texture(), (640, 384), interpolation=cv2.INTER_CUBIC), np.uint8)
     for worth in (1.0, 4.0, 16.0):
         sizes, errors = [], []
-        for step in (-6, 6):
+        for step in (-3, 3):
             coded = avif.encode(picture, quality_at(worth) + step)
             shown = Plate(avif.decode(coded, None)).shown()
             sizes.append(len(coded))
