@@ -126,10 +126,10 @@ class _Fitter:
         still = still_picture(job.frames, job.several)
         if still is None:
             return
-        coded = avif.encode(still.picture, quality_at(slope.bit / len(job.frames)))
-        if not pays(still, len(coded)):
+        quality = quality_at(slope.bit / len(job.frames))
+        if not pays(still, len(avif.encode(still.picture, quality, trial=True))):
             return
-        self.plate = coded
+        self.plate = avif.encode(still.picture, quality)
         self.backend = self.backend.over(unpack_plate(self.plate, job.size))
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         target = replace(slope, lasting=min(slope.lasting, PLATE.lasting))

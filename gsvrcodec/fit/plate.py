@@ -35,6 +35,8 @@ def still_picture(frames: Frames, several: Frames | None = None) -> Still | None
     usual, share = _standing(own if several is None else several)
     if share >= PLATE.mostly:
         return Still(usual, lasts=share >= PLATE.still)
+    if several is None:
+        return None
     usual, share = _standing(own)
     return Still(usual, lasts=False) if share >= PLATE.still else None
 
@@ -54,7 +56,7 @@ def pays(still: Still, coded: int) -> bool:
 
     Args:
         still: What it shows.
-        coded: Its bytes.
+        coded: About its bytes.
     """
     least = PLATE.empty_bits if still.lasts else PLATE.least_bits
     return 8 * coded >= least * still.picture[..., 0].size
