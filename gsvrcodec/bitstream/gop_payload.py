@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.bitstream.attribute_planes import Memories, pack_planes, unpack_planes
-from gsvrcodec.bitstream.gop_head import GopHead, parse_gop_head
+from gsvrcodec.bitstream.gop_head import GopHead, GopSummary, parse_gop_head
 from gsvrcodec.bitstream.header import Header
 from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.plane_table import PlaneEntry, parse_plane_table
@@ -22,10 +22,10 @@ from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.order import strip_order
 from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, Modes, carry_over
-from gsvrcodec.model.quantise import Precision
+from gsvrcodec.model.quantise import MODE_QUANTISER, Precision
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.model.time import Ticks
-from gsvrcodec.planes import PACKS, Codec, avif
+from gsvrcodec.planes import PACKS, Codec, avif, encode_plane
 
 #: Field of `Carried` that each attribute of carried Gaussians is stored from.
 _FIELDS = {a: a.change_of or a.name for a in CARRIED_ATTRIBUTES}
@@ -181,6 +181,47 @@ def unpack_plate(data: bytes, size: tuple[int, int] | None = None) -> Plate:
         CorruptError: It is not a picture of this size as plates have to be.
     """
     return Plate(avif.decode(data, size))
+
+
+def coded_plate(payload: bytes) -> bytes | None:
+    """Return the coded plate of a sound payload of a GOP chunk; None = the GOP stores none."""
+    return _parse(payload, None, Limits())[3] if parse_gop_head(payload).plate else None
+
+
+def on_plate_of(payload: bytes, reference: GopSummary) -> bytes:
+    """Return a key GOP with a plate as one that has the plate of an earlier GOP.
+
+    It is predicted from that GOP, and drops all its Gaussians; else it stays as it is.
+
+    Args:
+        payload: Of the chunk of the key GOP; a sound one.
+        reference: The GOP that stores the same plate.
+    """
+    head, pts, durations, _, entries, offset = _parse(payload, None, Limits())
+    end = offset + sum(entry.size for entry in entries)
+    count = reference.gaussians
+    head = replace(
+        head,
+        reference=head.first_frame - reference.first_frame,
+        carried_from=count,
+        dropped=count,
+        plate=False,
+    )
+    table, planes = list(entries), [payload[offset:end]]
+    for attribute, part, width, height in head.shape("mean").planes()[len(entries) :]:
+        modes = np.full((height, width), DROPPED, np.uint16)
+        codec, coded = encode_plane(modes, MODE_QUANTISER.bits, {Codec.CONSTANT})
+        table.append(PlaneEntry(attribute, part, codec, MODE_QUANTISER, width, height, len(coded)))
+        planes.append(coded)
+    return b"".join(
+        [
+            replace(head, planes=len(table)).to_bytes(),
+            pack_timing(pts, durations),
+            *(entry.to_bytes() for entry in table),
+            *planes,
+            payload[end:],
+        ]
+    )
 
 
 def plane_table(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain as joined
-from itertools import islice
+from itertools import islice, repeat
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.job import GopJob, Reference
 from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.plates import chain_plates
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
@@ -37,6 +38,7 @@ def chain_jobs(
     settings: EncodeSettings,
     finished: Sequence[EncodedGop],
     seconds: float | None,
+    plate: bytes | None = None,
 ) -> Generator[GopJob, EncodedGop, None]:
     """Yield the job of each GOP; is sent the result before it yields the next one.
 
@@ -46,10 +48,11 @@ def chain_jobs(
         settings: of the encode.
         finished: results of the first GOPs of the chain, which are not done again.
         seconds: wall time for the GOPs that are not finished; None = by the preset.
+        plate: of the chain, coded; None = it has none.
     """
     began = time.perf_counter()
     efforts = shared_efforts(list(map(len, chain.gops)))
-    state = _State(settings, sum(budget.bytes for budget in budgets))
+    state = _State(settings, sum(budget.bytes for budget in budgets), plate)
     before: Picture | None = None  #: last frame of the GOP before
     given = overrun = 0.0  # seconds that GOPs had, and took beyond them: to read, start, pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
@@ -59,8 +62,6 @@ def chain_jobs(
                 before = chain.take(number)[-1].copy()
             continue
         asked = time.perf_counter()
-        wide = settings.plates and budget.slope is not None and number == 0
-        several = chain.unpack_several() if wide else None
         frames = chain.take(number)
         left = None
         if seconds is not None:
@@ -83,9 +84,8 @@ def chain_jobs(
             seconds=left,
             reference=state.reference,
             before=before,
-            several=several,
+            plate=state.plate,
         )
-        del several
         before = frames[-1].copy()  # without the others
         del frames
         result = yield job
@@ -113,11 +113,12 @@ def shared_efforts(lengths: Sequence[int]) -> list[float]:
 class _State:
     """Last GOP of a chain as a decoder has it, and bytes that are left."""
 
-    def __init__(self, settings: EncodeSettings, size: int) -> None:
+    def __init__(self, settings: EncodeSettings, size: int, plate: bytes | None) -> None:
         self._settings = settings
         self._left = size
         self._spare = 0.0
         self.reference: Reference | None = None  #: of the next GOP
+        self.plate = plate  #: for the next key GOP, coded; None = none is known
 
     def add(self, result: EncodedGop, budget: Budget) -> None:
         """Count a finished GOP, and take it for the reference of the next one."""
@@ -130,7 +131,7 @@ class _State:
         before = self.reference
         whole, plate = content.new, None
         if content.plate is not None:
-            plate = unpack_plate(content.plate)
+            self.plate, plate = content.plate, unpack_plate(content.plate)
         if before is not None and content.carried is not None:
             whole, plate = content.gop(before.gop, before.frames), before.plate
         self.reference = Reference(
@@ -167,6 +168,7 @@ class ChainTask:
     settings: EncodeSettings
     finished: Sequence[EncodedGop]  #: results of its first GOPs, which are not done again
     seconds: float | None  #: wall time for the others; None = by the preset
+    plate: bytes | None = None  #: of the chain, coded; None = it has none
     sources: str = field(default_factory=sources)  #: digest of the code of the encoding process
 
     @property
@@ -176,7 +178,9 @@ class ChainTask:
 
     def jobs(self) -> ChainJobs:
         """Yield the job of each GOP; is sent the result before it yields the next one."""
-        return chain_jobs(self.frames, self.budgets, self.settings, self.finished, self.seconds)
+        return chain_jobs(
+            self.frames, self.budgets, self.settings, self.finished, self.seconds, self.plate
+        )
 
 
 def encode_chain(task: ChainTask, threads: int) -> list[EncodedGop]:
@@ -285,8 +289,12 @@ def _tasks(
     turns, end = starts([count for count in missing if count], workers)
     turn_of = dict(zip((n for n, count in enumerate(missing) if count), turns, strict=True))
     waiting = iter(budgets)
-    for number, chain in enumerate(chains):
-        own = list(islice(waiting, len(chain)))
+    by_chain = [list(islice(waiting, len(chain))) for chain in chains]
+    plates: Iterator[bytes | None] = repeat(None)
+    if any(missing) and settings.plates:
+        slopes = [own[0].slope for own in by_chain]
+        plates = chain_plates(chains, slopes, reader, share=settings.predicts)
+    for number, (chain, own, plate) in enumerate(zip(chains, by_chain, plates, strict=False)):
         if not missing[number]:
             continue
         seconds = None
@@ -295,4 +303,4 @@ def _tasks(
             left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
             seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
         done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
-        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds)
+        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds, plate)

@@ -183,6 +183,7 @@ def encode(
             gops=gops,
             checkpoint=checkpoint,
             check=check if verify else None,
+            predicts=chosen.predicts,
         )
         meter.workers, lookahead.waiting = runner.at_once, meter.report
         meter.report()

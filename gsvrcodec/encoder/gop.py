@@ -14,12 +14,13 @@ from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_plate
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import fittable, key_gaussians, most_gaussians
+from gsvrcodec.encoder.plates import gop_plate
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
 from gsvrcodec.fit.footage import Footage
 from gsvrcodec.fit.paper import as_published, fit_as_published
 from gsvrcodec.fit.parameters import LOOK
-from gsvrcodec.fit.plate import pays, quality_at, still_picture
+from gsvrcodec.fit.plate import shows
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.target import Slope
@@ -29,7 +30,7 @@ from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_lo
 from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
 from gsvrcodec.model.time import normalised_time
-from gsvrcodec.planes import PACKS, Memory, avif
+from gsvrcodec.planes import PACKS, Memory
 from gsvrcodec.render import backend_on
 from gsvrcodec.render.device import choose_device
 
@@ -123,18 +124,21 @@ class _Fitter:
         job, slope = self.job, self.job.budget.slope
         if slope is None or not job.settings.plates:
             return
-        still = still_picture(job.frames, job.several)
-        if still is None:
+        self.plate = self._known_plate() or gop_plate(job.frames, slope)
+        if self.plate is None:
             return
-        quality = quality_at(slope.bit / len(job.frames))
-        if not pays(still, len(avif.encode(still.picture, quality, trial=True))):
-            return
-        self.plate = avif.encode(still.picture, quality)
         self.backend = self.backend.over(unpack_plate(self.plate, job.size))
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         target = replace(slope, lasting=min(slope.lasting, PLATE.lasting))
         budget = replace(job.budget, gaussians=count, target=target)
         self.job = replace(job, budget=budget)
+
+    def _known_plate(self) -> bytes | None:
+        """Return the plate that is known, if the GOP shows it."""
+        job = self.job
+        if job.plate is None:
+            return None
+        return job.plate if shows(job.frames, unpack_plate(job.plate, job.size).shown()) else None
 
     def _key(self, gaussians: int, share: float) -> Fit:
         """Fit so many Gaussians with a share of the job's effort."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gsvrcodec.encoder.plan import Budget, halved, triplane_grid
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
-from gsvrcodec.fit.footage import Frames, Picture
+from gsvrcodec.fit.footage import Picture
 from gsvrcodec.fit.recipe import FitOptions
 from gsvrcodec.model.gop import Gop, GridSize
 from gsvrcodec.model.plate import Plate
@@ -44,7 +44,7 @@ class GopJob:
     seconds: float | None = None  #: wall time to spend; None = by the preset
     reference: Reference | None = None  #: None = a key GOP
     before: Picture | None = None  #: (H, W, 3) RGB last frame of the reference, of the source
-    several: Frames | None = None  #: (K, H, W, 3) RGB some of the whole chain; None = these frames
+    plate: bytes | None = None  #: coded, which its chain has if it is a key GOP; None = not known
 
     @property
     def size(self) -> tuple[int, int]:

@@ -17,6 +17,7 @@ import numpy as np
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.decoder.decoder import open as open_gsvr
 from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.plates import PlatesOnce
 from gsvrcodec.encoder.request import Target
 from gsvrcodec.errors import CorruptError, VerificationError
 from gsvrcodec.files import gathered_output, is_stream, named
@@ -41,6 +42,11 @@ class Destination:
     gops: Sequence[range]  #: frames of each GOP, in file order
     checkpoint: Checkpoint  #: where finished GOPs are
     check: Callable[[Path], None] | None  #: raises if a whole file is not as it should be
+    predicts: bool  #: whether GOPs may need others
+
+    def opened(self, file: BinaryIO, *, stream: bool) -> PlatesOnce:
+        """Begin a file, or a stream."""
+        return PlatesOnce(self.begin(file, stream=stream), share=self.predicts)
 
 
 class Output(Protocol):
@@ -73,7 +79,7 @@ def open_output(to: Destination) -> Iterator[Output]:
                 file = sys.stdout.buffer
             else:
                 file = files.enter_context(target.open("wb"))
-            output = _LiveOutput(to, to.begin(file, stream=True))
+            output = _LiveOutput(to, to.opened(file, stream=True))
         yield output
 
 
@@ -90,13 +96,13 @@ class _WholeOutput:
         """Write the file."""
         with gathered_output(self.to.target, overwrite=self.to.overwrite) as path:
             with path.open("w+b") as file:
-                writer = self.to.begin(file, stream=False)
+                gops = self.to.opened(file, stream=False)
                 for gop in self.to.gops:
-                    writer.add_gop(self.to.checkpoint.payload(gop))
-                writer.close()
+                    gops.add(self.to.checkpoint.payload(gop))
+                gops.writer.close()
             if self.to.check is not None:
                 self.to.check(path)
-        return writer
+        return gops.writer
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,22 +110,22 @@ class _LiveOutput:
     """A pipe or a device, which gets each GOP as soon as those before it are finished."""
 
     to: Destination
-    writer: GsvrWriter
+    out: PlatesOnce
 
     def write_finished(self) -> None:
         """Write up to the first GOP that is not finished."""
         with named(self.to.target):
-            for gop in self.to.gops[len(self.writer.gops) :]:
+            for gop in self.to.gops[len(self.out.writer.gops) :]:
                 if gop not in self.to.checkpoint:
                     break
-                self.writer.add_gop(self.to.checkpoint.payload(gop))
+                self.out.add(self.to.checkpoint.payload(gop))
 
     def finish(self) -> GsvrWriter:
         """Write the rest, the index and the end."""
         self.write_finished()
         with named(self.to.target):
-            self.writer.close()
-        return self.writer
+            self.out.writer.close()
+        return self.out.writer
 
 
 def _seekable(file: BinaryIO) -> bool:

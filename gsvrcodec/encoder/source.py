@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.lookahead import Lookahead, checksum
 from gsvrcodec.errors import GsvrError, InputError, NotAVideoError
-from gsvrcodec.fit.footage import some_frames
-from gsvrcodec.fit.tuned import PLATE
 from gsvrcodec.model.time import Ticks
 from gsvrcodec.video import Rgb, VideoReader, open_video
 
@@ -196,16 +194,11 @@ class ChainFrames:
     pictures: list[GopPictures]
     pts: list[Ticks]  #: (F,) ticks of each
     durations: list[Ticks]  #: (F,) ticks of each
-    several: _Absent | None = None  #: some of all its pictures; None = they are in one GOP
 
     def take(self, number: int) -> Pictures:
         """Return the pictures of a GOP, (F, H, W, 3), and let go of them."""
         found, self.pictures[number] = self.pictures[number], np.empty((0, 0, 0, 3), np.uint8)
         return found if isinstance(found, np.ndarray) else found.unpacked()
-
-    def unpack_several(self) -> Pictures | None:
-        """Return some of all pictures, (K, H, W, 3); None if they are in one GOP."""
-        return None if self.several is None else self.several.unpacked()
 
 
 class ChainReader(Protocol):
@@ -213,6 +206,9 @@ class ChainReader(Protocol):
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return the frames of a chain; no pictures of its `finished` GOPs but for the last."""
+
+    def pictures(self, numbers: Sequence[int]) -> Pictures:
+        """Return some pictures, (K, H, W, 3) RGB; none before those of the last call."""
 
 
 class Times(Protocol):
@@ -239,6 +235,7 @@ class ReadHere(ChainReader):
     def __init__(self, video: VideoReader, times: Times, *, pack: bool) -> None:
         self._video, self._times, self._pack = video, times, pack
         self._readers: list[_Onward] = []
+        self._ahead = _Onward(video)
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read when they are taken, GOP by GOP."""
@@ -246,20 +243,12 @@ class ReadHere(ChainReader):
         reader = self._reader(range(chain[left_out].start, chain[-1].stop))
         later = [LaterPictures(gop, reader.read) for gop in chain[left_out:]]
         pictures: list[GopPictures] = [np.empty((0, 0, 0, 3), np.uint8)] * left_out
-        several: _Absent | None = None
-        numbers = _several(chain) if len(chain) > 1 and not finished else []
-        if self._pack:
-            sent = [packed(one.unpacked()) for one in later]
-            pictures += sent
-            if numbers:
-                frames = [frame for one in sent for frame in one.frames]
-                chosen = [frames[number - chain[0].start] for number in numbers]
-                several = PackedPictures(chosen, sent[0].size)
-        else:
-            pictures += later
-            if numbers:
-                several = LaterPictures(numbers, lambda some: self._reader(some).read(some))
-        return ChainFrames(chain, pictures, *_times_of(chain, self._times), several)
+        pictures += [packed(one.unpacked()) for one in later] if self._pack else later
+        return ChainFrames(chain, pictures, *_times_of(chain, self._times))
+
+    def pictures(self, numbers: Sequence[int]) -> Pictures:
+        """Return some pictures, by a reader of its own."""
+        return self._ahead.read(numbers)
 
     def _reader(self, numbers: Sequence[int]) -> _Onward:
         """Return a reader for frames: one that is done, the nearest before them, or a new one."""
@@ -285,6 +274,7 @@ class ReadThere(ChainReader):
     ) -> None:
         self._path = str(video.info.path.absolute())
         self._options, self._known = dict(options), lookahead
+        self._ahead = _Onward(video)
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read where they are unpacked."""
@@ -292,19 +282,16 @@ class ReadThere(ChainReader):
         pictures: list[GopPictures] = []
         for gop in chain:
             pictures.append(self._shared(source, gop))
-        several = self._shared(source, _several(chain)) if len(chain) > 1 else None
-        return ChainFrames(chain, pictures, *_times_of(chain, known), several)
+        return ChainFrames(chain, pictures, *_times_of(chain, known))
+
+    def pictures(self, numbers: Sequence[int]) -> Pictures:
+        """Return some pictures, which are read here."""
+        return self._ahead.read(numbers)
 
     def _shared(self, source: SharedSource, numbers: Sequence[int]) -> SharedPictures:
         known = self._known
         pts, checksums = ([of[n] for n in numbers] for of in (known.pts, known.checksums))
         return SharedPictures(source, pts, checksums)
-
-
-def _several(chain: Chain) -> list[int]:
-    """Numbers of some frames of a chain, evenly spread."""
-    frames = range(chain[0].start, chain[-1].stop)
-    return [frames[n] for n in some_frames(len(frames), PLATE.frames)]
 
 
 def _times_of(chain: Chain, times: Times) -> tuple[list[Ticks], list[Ticks]]:

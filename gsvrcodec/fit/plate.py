@@ -1,9 +1,10 @@
-"""The plate of a key GOP: what stands still, as one picture behind all Gaussians."""
+"""Plates: what stands still, as one picture behind all Gaussians."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Self
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from gsvrcodec.fit.footage import Frames, Picture, some_frames
 from gsvrcodec.fit.start import density
 from gsvrcodec.fit.tuned import PLATE
+from gsvrcodec.model.gop import Float32Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,47 +21,42 @@ class Still:
     """What stands still."""
 
     picture: Picture  #: (H, W, 3); where it moves, what is there most often
-    lasts: bool  #: most of it for the whole chain
+    where: NDArray[np.bool_]  #: (H, W) where it stands still
+    share: float  #: of the detail of the picture that does
 
 
-def still_picture(frames: Frames, several: Frames | None = None) -> Still | None:
-    """Return what stands still in the whole chain, or else in the GOP; None where it is too little.
-
-    Args:
-        frames: (F, H, W, 3) of the GOP.
-        several: (K, H, W, 3) some frames of its chain, evenly spread; None = the GOP is all of it.
-    """
-    if len(frames) < PLATE.least_frames:
-        return None
-    own = frames[some_frames(len(frames), PLATE.frames)]
-    usual, share = _standing(own if several is None else several)
-    if share >= PLATE.mostly:
-        return Still(usual, lasts=share >= PLATE.still)
-    if several is None:
-        return None
-    usual, share = _standing(own)
-    return Still(usual, lasts=False) if share >= PLATE.still else None
-
-
-def _standing(pictures: Frames) -> tuple[Picture, float]:
-    """Return what most pictures show, (H, W, 3), and the share of its detail that stands still."""
+def still_in(pictures: Frames) -> Still:
+    """Return what stands still in frames that are spread evenly, (K, H, W, 3)."""
     usual, seen = most_usual(pictures)
-    still = seen >= PLATE.usual * len(pictures)
-    return usual, float((density(usual[None]) * still).sum())
+    where = seen >= PLATE.usual * len(pictures)
+    return Still(usual, where, _share(usual, where))
 
 
-def pays(still: Still, coded: int) -> bool:
+def shows(frames: Frames, plate: Picture) -> bool:
+    """Return whether the frames of a GOP, (F, H, W, 3), show most of a plate, (H, W, 3)."""
+    own = frames[some_frames(len(frames), PLATE.frames)]
+    seen = np.sum([~differs(frame, plate) for frame in own], axis=0)
+    return _share(plate, seen >= PLATE.usual * len(own)) >= PLATE.kept
+
+
+def _share(picture: Picture, where: NDArray[np.bool_]) -> float:
+    """Return the share of the detail of a picture that lies in some places, (H, W)."""
+    return float((density(picture[None]) * where).sum())
+
+
+def pays(still: Still, coded: int, *, lasts: bool) -> bool:
     """Return whether a plate is better than Gaussians alone.
 
-    One that lasts is, if it shows anything. Else Gaussians take more bits for texture, and fewer
-    for what is smooth.
+    One of which most lasts is, if it shows anything. Else Gaussians take more bits for texture, and
+    fewer for what is smooth.
 
     Args:
         still: What it shows.
         coded: About its bytes.
+        lasts: Whether that stands still for a whole chain, not only for a GOP.
     """
-    least = PLATE.empty_bits if still.lasts else PLATE.least_bits
-    return 8 * coded >= least * still.picture[..., 0].size
+    least = PLATE.empty_bits if lasts and still.share >= PLATE.still else PLATE.least_bits
+    return 8 * coded >= least * still.where.size
 
 
 def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
@@ -91,6 +88,55 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
     apart = cv2.blur(cv2.absdiff(frame, usual), 2 * (PLATE.box_px,))
     red, green, blue = cv2.split(apart)
     return np.asarray(cv2.max(cv2.max(red, green), blue) >= PLATE.differing)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What stands still in several chains, one after another."""
+
+    first: Still  #: in the first of them
+    frames: Float32Array  #: (H, W) in which a place stands still and is the same
+    sums: Float32Array  #: (H, W, 3) of their differences to the first
+    squares: Float32Array  #: (H, W) of the same, squared, mean of the channels
+
+    @classmethod
+    def of(cls, still: Still, frames: int) -> Self:
+        """Return a run of one chain of so many frames."""
+        zeros = np.zeros(still.picture.shape, np.float32)
+        return cls(still, frames * still.where.astype(np.float32), zeros, zeros[..., 0])
+
+    def picture(self) -> Picture:
+        """Return the mean, (H, W, 3)."""
+        mean = self.first.picture + self.sums / np.maximum(self.frames, 1)[..., None]
+        return mean.round().astype(np.uint8)
+
+    def with_next(self, still: Still, frames: int, most: float) -> tuple[float, Run]:
+        """Return what a mean that shows the next chain, too, loses, and the run with that chain.
+
+        Args:
+            still: What stands still in the chain.
+            frames: Of the chain.
+            most: What is lost at most in a place, where the run then stays as it is.
+
+        Returns:
+            Squared error, mean of the channels, sum of all pixels and frames; and the run.
+        """
+        apart = still.picture - self.first.picture.astype(np.float32)
+        count = frames * still.where.astype(np.float32)
+        squares = self.squares + count * np.square(apart).mean(axis=2)
+        sums, count = self.sums + count[..., None] * apart, self.frames + count
+        more = Run(self.first, count, sums, squares)._error() - self._error()
+        same = ~differs(still.picture, self.picture())
+        joined = (
+            np.where(same, count, self.frames),
+            np.where(same[..., None], sums, self.sums),
+            np.where(same, squares, self.squares),
+        )
+        return float(np.minimum(more, most).sum()), Run(self.first, *joined)
+
+    def _error(self) -> Float32Array:
+        explained = np.square(self.sums).mean(axis=2) / np.maximum(self.frames, 1)
+        return np.asarray(self.squares - explained)
 
 
 def quality_at(worth: float) -> int:

@@ -67,6 +67,10 @@ class _Plate:
     #: the same for what lasts: a plate may not expand to more than the format allows
     empty_bits: float = 0.01
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
+    #: the same, in a chain that has the plate of the one before
+    kept: float = 0.2
+    #: bits that Gaussians take where a plate does not show what is there / bits of the plate there
+    repair: float = 2.0
     lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP
     #: squared 8-bit codes that a bit saves at a quality of AV1
     saves: Mapping[float, float] = field(

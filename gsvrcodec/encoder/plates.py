@@ -1,0 +1,151 @@
+"""Plates: one for as many chains as it is good for, and each stored once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain as joined
+from itertools import repeat
+from typing import Self
+
+from gsvrcodec.bitstream.gop_head import GopEntry
+from gsvrcodec.bitstream.gop_payload import coded_plate, on_plate_of
+from gsvrcodec.bitstream.writer import GsvrWriter
+from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.source import ChainReader
+from gsvrcodec.fit.footage import Frames, some_frames
+from gsvrcodec.fit.plate import Run, Still, pays, quality_at, still_in
+from gsvrcodec.fit.target import Slope, bit_worth
+from gsvrcodec.fit.tuned import PLATE
+from gsvrcodec.planes import avif
+
+
+def gop_plate(frames: Frames, slope: Slope) -> bytes | None:
+    """Return the coded plate of a key GOP of which most stands still; None where none pays.
+
+    Args:
+        frames: (F, H, W, 3) RGB.
+        slope: That the GOP aims at.
+    """
+    if len(frames) < PLATE.least_frames:
+        return None
+    still = still_in(frames[some_frames(len(frames), PLATE.frames)])
+    if still.share < PLATE.still:
+        return None
+    quality = quality_at(slope.bit / len(frames))
+    if not pays(still, len(avif.encode(still.picture, quality, trial=True)), lasts=False):
+        return None
+    return avif.encode(still.picture, quality)
+
+
+def chain_plates(
+    chains: Sequence[Chain],
+    slopes: Sequence[Slope | None],
+    reader: ChainReader,
+    *,
+    share: bool,
+) -> Iterator[bytes | None]:
+    """Yield the coded plate of each chain of a section; None = it has none.
+
+    Chains have the same one as long as it loses less by showing one more than another would cost.
+    Frames are read ahead as far as it holds.
+
+    Args:
+        chains: Frames of the GOPs of each.
+        slopes: That their key GOPs aim at; None = they aim at something else.
+        reader: Of the frames.
+        share: Whether chains may have the same one.
+    """
+
+    def look(chain: Chain, slope: Slope | None) -> _Seen | None:
+        return None if slope is None else _Seen.of(chain, slope, reader)
+
+    seen = joined(map(look, chains, slopes), (None,))
+    number, now = 0, next(seen)
+    while number < len(chains):
+        first, plate = number, None if now is None else _Plate.of(now)
+        number, now = number + 1, next(seen)
+        while share and plate is not None and now is not None and plate.takes(now):
+            number, now = number + 1, next(seen)
+        yield from repeat(None if plate is None else plate.coded(), number - first)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What stands still in a chain."""
+
+    still: Still
+    frames: int  #: of the chain
+    shown: float  #: of these, frames in which a place is not hidden, in the mean
+    bit: float  #: what a bit has to save, squared 8-bit codes, sum of all frames
+
+    @classmethod
+    def of(cls, chain: Chain, slope: Slope, reader: ChainReader) -> Self | None:
+        """Look at some frames of a chain; None for too short a chain."""
+        frames = range(chain[0].start, chain[-1].stop)
+        if len(frames) < PLATE.least_frames:
+            return None
+        some = some_frames(len(frames), PLATE.frames)
+        still = still_in(reader.pictures([frames[n] for n in some]))
+        return cls(still, len(frames), slope.lasting * len(chain[0]), bit_worth(slope.qscale))
+
+
+class _Plate:
+    """A plate that pays for one chain, and may hold for more."""
+
+    def __init__(self, seen: _Seen, size: int) -> None:
+        self._bit, self._shown = seen.bit, seen.shown
+        self._run = Run.of(seen.still, seen.frames)
+        self._cost = 8 * size * seen.bit
+
+    @classmethod
+    def of(cls, seen: _Seen) -> Self | None:
+        """Return one for a chain; None where it does not pay."""
+        if seen.still.share < PLATE.mostly:
+            return None
+        picture = seen.still.picture
+        size = len(avif.encode(picture, quality_at(seen.bit / seen.shown), trial=True))
+        return cls(seen, size) if pays(seen.still, size, lasts=True) else None
+
+    def takes(self, seen: _Seen) -> bool:
+        """Let it show the next chain, too, unless another one is better."""
+        if seen.still.share < PLATE.kept:
+            return False
+        most = PLATE.repair * self._cost / seen.still.where.size
+        lost, longer = self._run.with_next(seen.still, seen.frames, most)
+        if lost >= self._cost:
+            return False
+        self._run, self._shown = longer, self._shown + seen.shown
+        return True
+
+    def coded(self) -> bytes:
+        """Code it as well as it lasts."""
+        return avif.encode(self._run.picture(), quality_at(self._bit / self._shown))
+
+
+class PlatesOnce:
+    """Adds GOPs to a file, and each plate once.
+
+    A key GOP with the plate of an earlier one becomes one that is predicted from that, and drops
+    its Gaussians.
+
+    Args:
+        writer: Of the file.
+        share: Whether a GOP may have the plate of another; else all are added as they are.
+    """
+
+    def __init__(self, writer: GsvrWriter, *, share: bool) -> None:
+        self.writer = writer
+        self._share = share
+        self._stored: dict[bytes, GopEntry] = {}  # by the digest of their plates
+
+    def add(self, payload: bytes) -> None:
+        """Append a GOP; raises as `GsvrWriter.add_gop`."""
+        plate = coded_plate(payload) if self._share else None
+        digest = b"" if plate is None else hashlib.sha256(plate).digest()
+        if digest in self._stored:
+            payload = on_plate_of(payload, self._stored[digest])
+        entry = self.writer.add_gop(payload)
+        if plate is not None:
+            self._stored.setdefault(digest, entry)
