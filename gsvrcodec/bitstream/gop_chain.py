@@ -48,6 +48,7 @@ class GopUnpacker:
         self._reader = reader
         self._limits = limits
         self._last: dict[int, WholeGop] = {}
+        self._plate: tuple[int, Plate] | None = None  # the last one, and the first frame of its GOP
         self._faults: dict[int, CorruptError] = {}
 
     def unpack(self, position: int) -> WholeGop:
@@ -105,13 +106,20 @@ class GopUnpacker:
         header = self._reader.header
         whole, kept, plate = content.new, None, None
         if content.plate is not None:
-            self._limits.check_expansion(3 * header.width * header.height, len(content.plate))
-            plate = unpack_plate(content.plate, (header.width, header.height))
+            plate = self._unpacked(content.first_frame, content.plate)
         if known is not None and content.carried is not None:
             whole = content.gop(known.gop, len(known.pts), header.blending)
             kept, plate = content.carried.mode != DROPPED, known.plate
         times = content.pts, content.durations
         return WholeGop(whole, content.first_frame, *times, reference, kept, plate)
+
+    def _unpacked(self, first_frame: int, coded: bytes) -> Plate:
+        """Decode a plate, unless it is the last one: GOPs of many chains may be in front of it."""
+        if self._plate is None or self._plate[0] != first_frame:
+            size = self._reader.header.width, self._reader.header.height
+            self._limits.check_expansion(3 * size[0] * size[1], len(coded))
+            self._plate = first_frame, unpack_plate(coded, size)
+        return self._plate[1]
 
     def _fault(self, link: int, position: int) -> CorruptError:
         """Return the error of a GOP of the chain, for the GOP that was asked for."""

@@ -208,7 +208,8 @@ def main(args: Sequence[str] | None = None) -> int:
     type=float,
     default=_DEFAULTS.keyint,
     metavar="SECONDS",
-    help="Longest time between key GOPs, which need no other GOP; 0 = key GOPs only.",
+    help="Longest time between key GOPs, which need no other GOP but the one with their plate; "
+    "0 = key GOPs only, which need none.",
 )
 @click.option(
     "--profile",

@@ -48,7 +48,7 @@ def chain_plates(
 ) -> Iterator[bytes | None]:
     """Yield the coded plate of each chain of a section; None = it has none.
 
-    Chains have the same one as long as it loses less by showing one more than another would cost.
+    Chains have the same one as long as it loses less by showing one more than another is worth.
     Frames are read ahead as far as it holds.
 
     Args:
@@ -114,7 +114,7 @@ class _Plate:
             return False
         most = PLATE.repair * self._cost / seen.still.where.size
         lost, longer = self._run.with_next(seen.still, seen.frames, most)
-        if lost >= self._cost:
+        if lost >= PLATE.aged * self._cost:
             return False
         self._run, self._shown = longer, self._shown + seen.shown
         return True

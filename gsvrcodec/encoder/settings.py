@@ -107,7 +107,8 @@ class EncodeSettings:
     gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
     gop_min: int = 6  #: shortest adaptive GOP between cuts, frames
     gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
-    #: longest time from one key GOP to the next, seconds; 0 = every GOP is a key GOP
+    #: longest time from one key GOP, or one that needs another for its plate alone, to the next,
+    #: seconds; 0 = every GOP is a key GOP
     keyint: float = 4.0
     flow: Flow = "dis"  #: optical flow for slicing and motion start
     plates: bool = True  #: pictures behind the Gaussians where the source stands still; with `crf`

@@ -94,49 +94,38 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
 class Run:
     """What stands still in several chains, one after another."""
 
-    first: Still  #: in the first of them
-    frames: Float32Array  #: (H, W) in which a place stands still and is the same
-    sums: Float32Array  #: (H, W, 3) of their differences to the first
-    squares: Float32Array  #: (H, W) of the same, squared, mean of the channels
+    mean: Float32Array  #: (H, W, 3)
+    frames: Float32Array  #: (H, W) that it is the mean of; 0 where nothing has stood still
 
     @classmethod
     def of(cls, still: Still, frames: int) -> Self:
         """Return a run of one chain of so many frames."""
-        zeros = np.zeros(still.picture.shape, np.float32)
-        return cls(still, frames * still.where.astype(np.float32), zeros, zeros[..., 0])
+        return cls(still.picture.astype(np.float32), frames * still.where.astype(np.float32))
 
     def picture(self) -> Picture:
-        """Return the mean, (H, W, 3)."""
-        mean = self.first.picture + self.sums / np.maximum(self.frames, 1)[..., None]
-        return mean.round().astype(np.uint8)
+        """Return the mean, (H, W, 3), in whole codes."""
+        return self.mean.round().astype(np.uint8)
 
     def with_next(self, still: Still, frames: int, most: float) -> tuple[float, Run]:
         """Return what a mean that shows the next chain, too, loses, and the run with that chain.
 
+        Where that shows something else the run stays as it is.
+
         Args:
             still: What stands still in the chain.
             frames: Of the chain.
-            most: What is lost at most in a place, where the run then stays as it is.
+            most: What is lost at most in a place: Gaussians in front of it take no more.
 
         Returns:
             Squared error, mean of the channels, sum of all pixels and frames; and the run.
         """
-        apart = still.picture - self.first.picture.astype(np.float32)
-        count = frames * still.where.astype(np.float32)
-        squares = self.squares + count * np.square(apart).mean(axis=2)
-        sums, count = self.sums + count[..., None] * apart, self.frames + count
-        more = Run(self.first, count, sums, squares)._error() - self._error()
         same = ~differs(still.picture, self.picture())
-        joined = (
-            np.where(same, count, self.frames),
-            np.where(same[..., None], sums, self.sums),
-            np.where(same, squares, self.squares),
-        )
-        return float(np.minimum(more, most).sum()), Run(self.first, *joined)
-
-    def _error(self) -> Float32Array:
-        explained = np.square(self.sums).mean(axis=2) / np.maximum(self.frames, 1)
-        return np.asarray(self.squares - explained)
+        more: Float32Array = frames * still.where.astype(np.float32)
+        share = more / np.maximum(self.frames + more, 1)
+        apart = still.picture - self.mean
+        lost = self.frames * share * np.square(apart).mean(axis=2)
+        mean = self.mean + (same * share)[..., None] * apart
+        return float(np.minimum(lost, most).sum()), Run(mean, self.frames + more * same)
 
 
 def quality_at(worth: float) -> int:

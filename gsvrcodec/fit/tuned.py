@@ -67,8 +67,10 @@ class _Plate:
     #: the same for what lasts: a plate may not expand to more than the format allows
     empty_bits: float = 0.01
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
-    #: the same, in a chain that has the plate of the one before
+    #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
     kept: float = 0.2
+    #: error that comes by showing one chain more / worth of the bits of another plate, at most
+    aged: float = 0.6
     #: bits that Gaussians take where a plate does not show what is there / bits of the plate there
     repair: float = 2.0
     lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP

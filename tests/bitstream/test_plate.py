@@ -8,12 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsvrcodec.bitstream.gop_payload import pack_gop, plane_table, unpack_gop, unpack_plate
+from gsvrcodec.bitstream.gop_chain import GopUnpacker
+from gsvrcodec.bitstream.gop_head import parse_gop_head
+from gsvrcodec.bitstream.gop_payload import (
+    coded_plate,
+    on_plate_of,
+    pack_gop,
+    plane_table,
+    unpack_gop,
+    unpack_plate,
+)
 from gsvrcodec.bitstream.header import PLATES_FLAG
 from gsvrcodec.bitstream.plate import find_plate, plate_bytes
+from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.errors import CorruptError, LimitError
 from gsvrcodec.limits import Limits
+from gsvrcodec.model.plate import Plate
 from tests.gops import (
     BITS,
     HEADER,
@@ -24,7 +35,7 @@ from tests.gops import (
     make_gop,
     make_modes,
 )
-from tests.vectors.streams import a_plate, plates
+from tests.vectors.streams import a_plate, plates, plates_kept
 
 SIZE = HEADER.width, HEADER.height
 PLATE = a_plate(*SIZE)
@@ -78,6 +89,54 @@ def test_chains() -> None:
     assert third.plate is None
     assert fourth.plate is not None
     assert not np.array_equal(first.plate.ycc, fourth.plate.ycc)
+
+
+@pytest.mark.parametrize("grid", [(0, 0, 0), (4, 3, 2)])
+@pytest.mark.parametrize("gaussians", [0, 1, 24])
+def test_a_key_gop_on_the_plate_of_another(gaussians: int, grid: tuple[int, int, int]) -> None:
+    """It is the same in front of the plate, which it does not store any more."""
+    root = pack_gop(make_gop(gaussians, seed=1), *TIMES, 0, BITS, plate=PLATE)
+    own = pack_gop(make_gop(9, grid), TIMES[0] + 80, TIMES[1], 2, BITS, plate=PLATE)
+    first, key = decode_all(make_file([root, own]))
+    summary = parse_gop_head(root)
+    moved = on_plate_of(own, summary)
+    assert len(moved) < len(own) - len(PLATE) + 10
+    head = parse_gop_head(moved)
+    assert (head.reference, head.plate, head.dropped) == (2, False, gaussians)
+    before, found = decode_all(make_file([root, moved]))
+    assert found.plate is before.plate
+    assert found.plate is not None
+    assert first.plate is not None
+    assert np.array_equal(found.plate.ycc, first.plate.ycc)
+    assert_gops_equal(found.gop, key.gop)
+    assert np.array_equal(found.pts, key.pts)
+    assert found.kept is not None
+    assert not found.kept.any()
+    assert len(found.kept) == gaussians
+
+
+def test_the_coded_plate_of_a_payload() -> None:
+    assert coded_plate(pack_gop(make_gop(9), *TIMES, 0, BITS, plate=PLATE)) == PLATE
+    assert coded_plate(pack_gop(make_gop(9), *TIMES, 0, BITS)) is None
+    assert (
+        coded_plate(pack_gop(make_gop(9, blending="sum"), *TIMES, 0, BITS, blending="sum")) is None
+    )
+
+
+def test_the_last_plate_is_decoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often GOPs in front of it are asked for in turn."""
+    decoded: list[bytes] = []
+
+    def counted(data: bytes, size: tuple[int, int] | None = None) -> Plate:
+        decoded.append(data)
+        return unpack_plate(data, size)
+
+    monkeypatch.setattr("gsvrcodec.bitstream.gop_chain.unpack_plate", counted)
+    with GsvrReader(io.BytesIO(plates_kept())) as reader:
+        unpacker = GopUnpacker(reader, Limits())
+        found = [unpacker.unpack(position).plate for position in (4, 1, 3, 0, 2)]
+    assert len(decoded) == 1
+    assert all(plate is found[0] for plate in found)
 
 
 def test_the_writer_sets_the_flag_with_the_first_plate() -> None:

@@ -168,18 +168,12 @@ class TestReadHere:
         assert [len(one) for one in frames.pictures] == [0, 3, 3]
         assert numbers(frames.take(1)) == [4, 5, 6]
 
-    @pytest.mark.parametrize("pack", [False, True])
-    def test_some_frames_of_a_whole_chain(self, film: Path, pack: bool) -> None:
-        with open_video(film) as video:
-            chain = ReadHere(video, times_of(film), pack=pack).read([range(1, 4), range(4, 12)], 0)
-            several = chain.unpack_several()
-            assert several is not None
-            assert numbers(several) == [1, 2, 3, 5, 6, 7, 9, 10, 11]
-            assert numbers(chain.take(0)) == [1, 2, 3]
-
-    def test_one_gop_has_no_others(self, reader: ReadHere) -> None:
-        assert reader.read([range(5)], 0).unpack_several() is None
-        assert reader.read([range(5), range(5, 9)], 1).unpack_several() is None
+    def test_some_pictures_ahead_of_the_chains(self, reader: ReadHere) -> None:
+        assert numbers(reader.pictures([1, 3, 4])) == [1, 3, 4]
+        chain = reader.read([range(1, 4), range(4, 12)], 0)
+        assert numbers(chain.take(0)) == [1, 2, 3]
+        assert numbers(reader.pictures([6, 11])) == [6, 11]
+        assert numbers(chain.take(1)) == list(range(4, 12))
 
 
 @pytest.mark.parametrize(

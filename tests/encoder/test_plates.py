@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -11,13 +13,20 @@ import numpy as np
 import pytest
 
 import gsvrcodec
+from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.encoder.encode import Progress
+from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.plates import chain_plates
+from gsvrcodec.encoder.rate import qscale_of
+from gsvrcodec.encoder.source import ChainFrames
 from gsvrcodec.errors import UnsupportedError
+from gsvrcodec.fit.target import Slope
 from gsvrcodec.limits import Limits
 from gsvrcodec.report.spending import spending
-from tests.fit.test_plate import Frames, film, texture
-from tests.making import psnr
+from tests.fit.test_plate import Frames, curtain, film, texture
+from tests.making import psnr, write_video
 from tests.tampering import patched
 
 FILM = film(24)
@@ -61,6 +70,134 @@ def test_predicted_gops_have_that_of_their_key_gop(with_plate: bytes) -> None:
     with GsvrReader(io.BytesIO(with_plate)) as reader:
         assert [gop.is_key for gop in reader.gops] == [True] + [False] * (len(reader.gops) - 1)
         assert len(reader.gops) == 3
+
+
+def chained(source: Frames = FILM, **options: Any) -> bytes:
+    """Encode chains of eight frames, of two GOPs each."""
+    return encoded(source, **{"gop": 4, "keyint": 8 / 30, **options})
+
+
+def test_later_chains_have_that_of_the_first() -> None:
+    """They begin with GOPs that drop all Gaussians of the first key GOP."""
+    data = chained()
+    with GsvrReader(io.BytesIO(data)) as reader:
+        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 0, 8, 0, 16]
+        head = parse_gop_head(reader.read_gop(2))
+        assert head.carried_from == head.dropped == reader.gops[0].gaussians
+    apart, in_order = chained(keyint=0, gop=8), shown(data)
+    assert len(data) < 0.75 * len(apart)
+    assert psnr(in_order, FILM) > psnr(shown(apart), FILM)
+    for number in (17, 0, 9, 23, 3):
+        with gsvrcodec.open(data) as decoder:
+            assert np.array_equal(decoder[number].data, in_order[number])
+
+
+class TestChainPlates:
+    """Which chains have which plate; each chain has 12 frames."""
+
+    SLOPE = Slope(qscale_of(26), most=10**6, lasting=3.0)
+
+    def of(
+        self, *chains: Frames, slopes: Sequence[Slope | None] = (), share: bool = True
+    ) -> tuple[list[bytes | None], list[int]]:
+        """Return the plates, and how many frames had been read when each was made."""
+        frames = np.concatenate(chains)
+        read, plates, reads = 0, [], []
+
+        class Reader:
+            def read(self, chain: Chain, finished: int) -> ChainFrames:
+                raise NotImplementedError
+
+            def pictures(self, numbers: Sequence[int]) -> Frames:
+                nonlocal read
+                assert numbers[0] >= read
+                read = numbers[-1] + 1
+                return frames[list(numbers)]
+
+        last = len(frames)
+        gops = [[range(n, n + 4), range(n + 4, min(n + 12, last))] for n in range(0, last, 12)]
+        slopes = slopes or [self.SLOPE] * len(gops)
+        for plate in chain_plates(gops, slopes, Reader(), share=share):
+            plates.append(plate)
+            reads.append(read)
+        return plates, reads
+
+    def test_it_holds_as_long_as_nothing_changes(self) -> None:
+        """And is coded the better for it. Frames are read as far as it holds, and one chain on."""
+        plates, reads = self.of(film(), film(), film(), np.roll(film(), 7, axis=2))
+        assert plates[0] is not None
+        assert plates[0] == plates[1] == plates[2] != plates[3]
+        assert reads == [48] * 4
+        (alone, _), reads = self.of(film(), np.roll(film(), 7, axis=2))
+        assert alone is not None
+        assert len(alone) < len(plates[0])
+
+    def test_chains_that_show_little_of_it_have_it_too(self) -> None:
+        """One that is there takes no bits; a new one needs more that stands still."""
+        little, nothing = curtain(0.4, 12), curtain(0.1, 12)
+        plates, _ = self.of(film(), little, film())
+        assert plates[0] == plates[1] == plates[2]
+        plates, reads = self.of(film(), nothing, little, film())
+        assert plates[1] is plates[2] is None
+        assert plates[0] is not None
+        assert plates[3] is not None
+        assert reads == [24, 36, 48, 48]
+
+    def test_each_has_its_own_if_none_is_to_be_shared(self) -> None:
+        plates, reads = self.of(film(), film(noise=2), share=False)
+        assert plates[0] != plates[1]
+        assert None not in plates
+        assert reads == [24, 24]
+
+    def test_what_has_no_slope_has_no_plate(self) -> None:
+        assert self.of(film(), slopes=[None]) == ([None], [0])
+        assert self.of(film()[:5]) == ([None], [0])
+
+    def test_it_is_renewed_when_its_age_costs_more_than_another(self) -> None:
+        """The ground becomes another one, a little from chain to chain."""
+        goal, plates = texture(4).astype(float), []
+        for step in (0.01, 0.15):
+            ground = [texture() * (1 - step * n) + goal * step * n for n in range(6)]
+            chains = [np.repeat(one[None].round().astype(np.uint8), 12, axis=0) for one in ground]
+            plates.append(self.of(*chains)[0])
+        assert None not in plates[0] + plates[1]
+        assert len(set(plates[0])) == 1
+        assert 1 < len(set(plates[1])) < 6
+
+
+def test_with_key_gops_only_each_has_its_own() -> None:
+    with GsvrReader(io.BytesIO(chained(keyint=0, gop=8))) as reader:
+        assert all(gop.is_key for gop in reader.gops)
+        assert all(parse_gop_head(reader.read_gop(n)).plate for n in range(len(reader.gops)))
+
+
+def test_a_camera_that_was_pushed_has_another() -> None:
+    """From one chain to the next, the ground moves on by some pixels."""
+    pushed = FILM.copy()
+    pushed[8:] = np.roll(FILM[8:], 5, axis=2)
+    with GsvrReader(io.BytesIO(chained(pushed))) as reader:
+        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 8, 8, 8, 16]
+
+
+def test_chains_that_share_one_are_the_same_however_they_are_made(tmp_path: Path) -> None:
+    source, target = tmp_path / "a.mkv", tmp_path / "a.gsvr"
+    write_video(source, list(FILM))
+    options: dict[str, Any] = {"gop": 4, "keyint": 8, "preset": "fastest"}
+    whole = gsvrcodec.encode(source, None, workers=1, **options).data
+    assert gsvrcodec.encode(source, None, workers=2, **options).data == whole
+
+    class Stop(Exception):
+        pass
+
+    def stop(state: Progress) -> None:
+        if state.gop == 3:
+            raise Stop
+
+    with pytest.raises(Stop):
+        gsvrcodec.encode(source, target, progress=stop, workers=1, **options)
+    result = gsvrcodec.encode(source, target, resume=True, verify=True, workers=1, **options)
+    assert (result.gops, result.key_gops) == (6, 1)
+    assert target.read_bytes() == whole
 
 
 def test_it_shows_what_later_gops_uncover() -> None:

@@ -1,4 +1,4 @@
-"""The plate of a key GOP: what it shows, when there is one, how well it is coded."""
+"""Plates: what they show, for how long, when one pays, how well it is coded."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.plate import Still, differs, most_usual, pays, quality_at, still_picture
+from gsvrcodec.fit.plate import Run, Still, differs, most_usual, pays, quality_at, shows, still_in
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.plate import Plate
 from gsvrcodec.planes import avif
@@ -52,40 +52,21 @@ def test_noise_of_what_they_show(count: int) -> None:
 
 
 def test_what_passes_is_not_in_it() -> None:
-    still = still_picture(film())
-    assert still is not None
+    still = still_in(film())
+    assert still.share > 0.75
     assert np.abs(still.picture.astype(int) - texture()).mean() < 1
     assert np.abs(still.picture.astype(int) - texture()).max() < 40  # where the box was long
 
 
-def test_what_only_the_rest_of_a_chain_uncovers_is_in_it() -> None:
-    """A box that stands still in the first GOP, and goes on after it."""
-    waiting = np.repeat(film(9)[:1], 8, axis=0)
-    alone, found = still_picture(waiting), still_picture(waiting, several=film(9))
-    assert alone is not None
-    assert found is not None
-    box = np.s_[32:52, 2:22]
-    assert (alone.picture[box] == 128).all()
-    assert np.abs(found.picture.astype(int) - texture()).mean() < 1
-
-
 def test_noise_goes() -> None:
-    still = still_picture(film(noise=4))
-    assert still is not None
+    still = still_in(film(noise=4))
     error = np.square(still.picture.astype(float) - texture()).mean()
     assert error < np.square(film(noise=4)[0].astype(float) - texture()).mean() / 4
 
 
 def test_a_moving_camera_has_none() -> None:
     wide = texture(width=300)
-    assert still_picture(np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(12)])) is None
-
-
-def test_few_frames_have_none() -> None:
-    """Of one picture nothing lasts: Gaussians draw it."""
-    assert still_picture(film()[:1]) is None
-    assert still_picture(film()[:5]) is None
-    assert still_picture(film()[:6]) is not None
+    assert still_in(np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(12)])).share < 0.1
 
 
 def test_where() -> None:
@@ -102,22 +83,60 @@ def curtain(share: float, count: int = 9) -> Frames:
     return frames
 
 
-@pytest.mark.parametrize(("share", "lasts"), [(0.9, True), (0.68, False)])
-def test_what_lasts(share: float, lasts: bool) -> None:
-    """Of a whole chain less has to stand still than of a GOP that is a part of it."""
-    still = still_picture(film(), several=curtain(share))
-    assert still is not None
-    assert still.lasts == lasts
-    uncovered = still.picture[40:].astype(int)
-    assert np.abs(uncovered - texture()[40:]).mean() < 1
+@pytest.mark.parametrize("share", [0.9, 0.68, 0.3])
+def test_the_share_that_stands_still(share: float) -> None:
+    still = still_in(curtain(share))
+    assert still.share == pytest.approx(share, abs=0.06)
+    top = round((1 - share) * 96)
+    assert still.where[top + 4 :].all()
+    assert not still.where[: top - 4].any()
+    assert np.abs(still.picture[top:].astype(int) - texture()[top:]).mean() < 1
 
 
-def test_what_lasts_for_one_gop() -> None:
-    still = still_picture(film(), several=curtain(0.5))
-    assert still is not None
-    assert not still.lasts
-    assert np.abs(still.picture.astype(int) - texture()).mean() < 1
-    assert still_picture(curtain(0.68, 12), several=curtain(0.5)) is None
+def test_frames_that_show_a_plate() -> None:
+    """They may show less of it than it took to make it."""
+    assert shows(film(), texture())
+    assert shows(curtain(0.4, 12), texture())
+    assert not shows(curtain(0.1, 12), texture())
+    assert not shows(film(), texture(7))
+
+
+class TestRun:
+    """What stands still in several chains."""
+
+    @staticmethod
+    def seen(picture: NDArray[np.uint8], where: NDArray[np.bool_] | bool = True) -> Still:
+        return Still(picture, np.broadcast_to(where, picture.shape[:2]), 1.0)
+
+    def test_it_is_their_mean_by_frames(self) -> None:
+        """And what it loses is the error of that mean in all frames."""
+        run = Run.of(self.seen(texture()), 30)
+        assert np.array_equal(run.picture(), texture())
+        brighter = texture() + np.uint8(4)
+        lost, both = run.with_next(self.seen(brighter), 90, np.inf)
+        assert np.array_equal(both.picture(), texture() + 3)
+        pixels = texture()[..., 0].size
+        assert lost == pytest.approx((30 * 3**2 + 90 * 1**2) * pixels, rel=1e-4)
+        more, _ = both.with_next(self.seen(texture() + np.uint8(3)), 50, np.inf)
+        assert more == pytest.approx(0, abs=1e-3 * lost)
+
+    def test_what_does_not_stand_still_counts_for_nothing(self) -> None:
+        where = np.arange(160) < 80
+        run = Run.of(self.seen(texture(), where), 30)
+        lost, both = run.with_next(self.seen(texture() + np.uint8(4), ~where), 30, np.inf)
+        assert lost == 0
+        wanted = texture()
+        wanted[:, 80:] += 4
+        assert np.array_equal(both.picture(), wanted)
+
+    def test_where_another_thing_stands_it_stays(self) -> None:
+        """That is left to Gaussians, and counts for no more than they take."""
+        other = texture()
+        other[20:60, 40:90] = texture(5)[20:60, 40:90]
+        run = Run.of(self.seen(texture()), 30)
+        lost, both = run.with_next(self.seen(other), 30, 100.0)
+        assert (both.picture() != texture()).any(axis=2).sum() < 20  # at the corners
+        assert 0.9 * 100 * 40 * 50 < lost <= 100 * 40 * 50
 
 
 def test_quality() -> None:
@@ -143,15 +162,20 @@ def test_a_bit_of_a_plate_saves_what_it_has_to() -> None:
 
 def test_smooth_pictures_are_left_to_gaussians() -> None:
     """But for those that stand still all the time and show something."""
-    picture = np.zeros((250, 400, 3), np.uint8)
-    assert not pays(Still(picture, lasts=True), 100)
-    assert pays(Still(picture, lasts=False), 25_000)
-    assert not pays(Still(picture, lasts=False), 1_000)
-    assert pays(Still(picture, lasts=True), 1_000)
+    picture, where = np.zeros((250, 400, 3), np.uint8), np.ones((250, 400), np.bool_)
+    most, much = Still(picture, where, 0.8), Still(picture, where, 0.7)
+    assert not pays(most, 100, lasts=True)
+    assert pays(most, 1_000, lasts=True)
+    assert not pays(much, 1_000, lasts=True)
+    assert not pays(most, 1_000, lasts=False)
+    assert pays(much, 25_000, lasts=True)
+    assert pays(most, 25_000, lasts=False)
 
 
 def test_black_is_no_plate_that_expands_to_more_than_a_decoder_allows() -> None:
     for width, height in (7680, 4320), (16384, 16384):
-        black = Still(np.broadcast_to(np.uint8(0), (height, width, 3)), lasts=True)
-        least = next(n for n in range(1, 2**31, 1000) if pays(black, n))
+        size = height, width
+        black, where = np.broadcast_to(np.uint8(0), (*size, 3)), np.broadcast_to(np.True_, size)
+        still = Still(black, where, 1.0)
+        least = next(n for n in range(1, 2**31, 1000) if pays(still, n, lasts=True))
         Limits().check_expansion(3 * width * height, least)

@@ -22,7 +22,7 @@ from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.bitstream.header import ColourInfo, Header
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.model.gop import Gop
-from gsvrcodec.model.prediction import CHANGED
+from gsvrcodec.model.prediction import CHANGED, DROPPED
 from gsvrcodec.model.quantise import Precision
 from gsvrcodec.model.reconstruction import MOST_LOG_OPACITY
 from gsvrcodec.planes import PACKS, avif, context
@@ -180,6 +180,25 @@ def plates() -> bytes:
     return make_file(payloads, header)
 
 
+def plates_kept() -> bytes:
+    """A chain in front of the plate of another one: it drops all Gaussians of the key GOP."""
+    header, none = replace(HEADER, width=70, height=45), np.full(24, DROPPED, np.uint8)
+    times = [(np.array([t, t + 40]), np.full(2, 40)) for t in range(0, 400, 80)]
+    carried = [
+        make_carried(make_modes(24), seed=3),
+        make_carried(none),
+        make_carried(make_modes(9)),
+    ]
+    payloads = [
+        pack_gop(make_gop(24, (4, 3, 2), 1), *times[0], 0, BITS, plate=a_plate(70, 45)),
+        pack_gop(make_gop(3), *times[1], 2, BITS, reference=2, carried=carried[0]),
+        pack_gop(make_gop(9, seed=4), *times[2], 4, BITS, reference=4, carried=carried[1]),
+        pack_gop(make_gop(2, seed=5), *times[3], 6, BITS, reference=2, carried=carried[2]),
+        pack_gop(make_gop(0), *times[4], 8, BITS, reference=8, carried=carried[1]),
+    ]
+    return make_file(payloads, header)
+
+
 def opacities_fading() -> bytes:
     """A tri-plane that takes opacities from one bound to the other, and beyond."""
     gop = make_gop(30, (3, 2, 3), seed=7)
@@ -257,6 +276,7 @@ RANDOM: Mapping[str, Callable[[], bytes]] = {
     "predicted-entropy": lambda: make_file(make_chain((2, 2, 2), 120, 20, pack="entropy")),
     "predicted-branches": lambda: make_file(make_chain((3, 1, 2, 2, 2), references=(0, 1, 0, 1))),
     "plates": plates,
+    "plates-kept": plates_kept,
     "refined": lambda: make_file(
         [make_payload(50, (6, 4, 3), pack="entropy", bits=REFINED, seed=1)]
     ),
