@@ -40,7 +40,7 @@ _SIGNATURE = b"\x89GSP\r\n\x1a\n"
 _PLAN, _ANALYSIS, _PART = b"plan", b"stat", b"part"
 _LENGTH = struct.Struct("<I")
 #: Of a finished GOP, beside its frames.
-_FIGURES = ("psnr", "float_psnr", "seconds", "qscale")
+_FIGURES = ("psnr", "float_psnr", "seconds", "qscale", "plate_bytes")
 
 
 class _Kept(NamedTuple):

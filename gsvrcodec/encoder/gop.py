@@ -64,6 +64,7 @@ def encode_gop(job: GopJob) -> EncodedGop:
         float_psnr=fitted.psnr,
         seconds=time.perf_counter() - fitter.began,
         qscale=stored.qscale,
+        plate_bytes=len(fitter.plate or b""),
         payload=payload,
     )
 
@@ -124,21 +125,19 @@ class _Fitter:
         job, slope = self.job, self.job.budget.slope
         if slope is None or not job.settings.plates:
             return
-        self.plate = self._known_plate() or gop_plate(job.frames, slope)
-        if self.plate is None:
+        coded, plate = job.plate, None
+        if coded is not None:
+            plate = unpack_plate(coded, job.size)
+        if plate is None or not shows(job.frames, plate.shown()):
+            coded = gop_plate(job.frames, slope)
+            plate = None if coded is None else unpack_plate(coded, job.size)
+        if plate is None:
             return
-        self.backend = self.backend.over(unpack_plate(self.plate, job.size))
+        self.plate, self.backend = coded, self.backend.over(plate)
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         target = replace(slope, lasting=min(slope.lasting, PLATE.lasting))
         budget = replace(job.budget, gaussians=count, target=target)
         self.job = replace(job, budget=budget)
-
-    def _known_plate(self) -> bytes | None:
-        """Return the plate that is known, if the GOP shows it."""
-        job = self.job
-        if job.plate is None:
-            return None
-        return job.plate if shows(job.frames, unpack_plate(job.plate, job.size).shown()) else None
 
     def _key(self, gaussians: int, share: float) -> Fit:
         """Fit so many Gaussians with a share of the job's effort."""

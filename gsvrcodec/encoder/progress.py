@@ -111,8 +111,10 @@ class Meter:
         )
 
     def _bitrate(self, done: Sequence[range], durations: Sequence[int]) -> float | None:
-        """Return the bits a second of GOPs that are done."""
+        """Return the bits a second of GOPs that are done; a plate that several have counts once."""
         seconds = self._time_base * sum(sum(durations[gop.start : gop.stop]) for gop in done)
         if not seconds:
             return None
-        return float(8 * sum(map(self._checkpoint.size, done)) / seconds)
+        plates = [self._checkpoint.figures(gop).plate_bytes for gop in done]
+        again = sum(plates) - sum(set(plates))  # two plates are hardly ever of the same size
+        return float(8 * (sum(map(self._checkpoint.size, done)) - again) / seconds)

@@ -17,6 +17,7 @@ class EncodedGop:
     float_psnr: float  #: dB, the same before quantisation
     seconds: float  #: wall time
     qscale: float | None = None  #: of the quantiser steps; None = bits over the range
+    plate_bytes: int = 0  #: of the payload, those of a plate, which other GOPs may have, too
     payload: bytes = field(default=b"", repr=False)  #: of its chunk, unless that is kept elsewhere
 
 

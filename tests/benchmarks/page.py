@@ -236,11 +236,18 @@ def interpolation_section(results: dict[str, Json]) -> Iterator[str]:
             yield ""
 
 
-def bd_section(results: dict[str, Json]) -> Iterator[str]:
-    """Yield the BD-rates of the clips that are compared at equal bits, and their means."""
+def bd_section(results: dict[str, Json], names: str, frames: int) -> Iterator[str]:
+    """Yield the BD-rates of the clips that are compared at equal bits, and their means.
+
+    Args:
+        results: All that is measured.
+        names: How the names of those with so many frames begin.
+        frames: First ones of each clip.
+    """
     curves = {
         (key.removesuffix(_EQUAL_BITS), curve["label"]): curve
-        for result in results.values()
+        for name, result in results.items()
+        if name.startswith(names)
         for key, found in result.get("against", {}).items()
         if key.endswith(_EQUAL_BITS)
         for curve in found
@@ -248,7 +255,7 @@ def bd_section(results: dict[str, Json]) -> Iterator[str]:
     if not curves:
         return
     clips, labels = (list(dict.fromkeys(names)) for names in zip(*curves, strict=True))
-    yield "## Against other encoders, the first 96 frames of other clips"
+    yield f"## Against other encoders, the first {frames} frames of other clips"
     yield ""
     yield "Bits of ours more (+) or fewer (-) at equal PSNR, and in brackets at equal MS-SSIM, %:"
     yield "BD-rates over what both reach. Ours takes a second a frame of 1280x720, in proportion to"
@@ -357,7 +364,8 @@ def page(results: dict[str, Json]) -> str:
         "means of Gaussians instead of sums. They have not been measured anew.",
         "",
         *rate_section(results),
-        *bd_section(results),
+        *bd_section(results, "clips-bits-", 96),
+        *bd_section(results, "clips-long-", 240),
         *picture_section(),
         *quality_sections(results),
         *time_section(results),

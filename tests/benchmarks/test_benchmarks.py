@@ -212,15 +212,19 @@ class TestPage:
         results = {
             "clips-bits-a": {"against": {"a.mp4, equal-bits": [curve(-30.0, 10.0)]}},
             "clips-bits-b": {"against": {"b.mp4, equal-bits": [curve(10.0, None)]}},
+            "clips-long-a": {"against": {"a.mp4, equal-bits": [curve(-50.0, None)]}},
             "clips-other": {"against": {"c.mp4": [curve(99.0, 99.0)]}},
         }
-        assert list(bd_section(results))[-4:] == [
+        assert list(bd_section(results, "clips-bits-", 96))[-4:] == [
             "| a.mp4 | -30 (+10) |",
             "| b.mp4 | +10 (-) |",
             "| mean | -10 (+10) |",
             "",
         ]
-        assert not list(bd_section({}))
+        assert list(bd_section(results, "clips-long-", 240))[-3:-1] == [
+            *("| a.mp4 | -50 (-) |", "| mean | -50 (-) |"),
+        ]
+        assert not list(bd_section({}, "clips-bits-", 96))
 
 
 def test_a_seek_reads_little_more_than_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,7 +57,7 @@ def target(tmp_path: Path) -> Path:
 
 class TestResume:
     def test_a_job_s_result_comes_back(self, target: Path) -> None:
-        first = replace(FIGURES, qscale=0.1 + 0.2, payload=b"first")
+        first = replace(FIGURES, qscale=0.1 + 0.2, plate_bytes=3, payload=b"first")
         second = replace(OTHERS, payload=b"second")
         with opened(target) as parts:
             parts.add(first)

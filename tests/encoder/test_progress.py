@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import pytest
@@ -68,6 +68,15 @@ def test_gops_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [call.seconds_per_frame for call in calls] == [None, 5.0, 2.5]
     assert [call.eta_seconds for call in calls] == [42.0, 30.0, 0.0]
     assert {call.bitrate for call in calls} == {8 * 10 * 25.0}
+
+
+def test_a_plate_that_chains_share_counts_once() -> None:
+    calls = list[Progress]()
+    with Checkpoint(None, {}, resume=False, restart=False) as checkpoint:
+        for gop, plate in zip(GOPS, (15, 15, 5), strict=True):
+            checkpoint.add(replace(done(gop, 30.0), plate_bytes=plate))
+        meter_of(Film(GOPS, [GOPS]), checkpoint, 0.0, calls.append).report()
+    assert [call.bitrate for call in calls] == [pytest.approx(8 * (120 - 15) / (12 * 2 / 50))]
 
 
 def test_a_film_of_unknown_length_has_no_eta() -> None:
