@@ -119,7 +119,7 @@ class Run:
         Returns:
             Squared error, mean of the channels, sum of all pixels and frames; and the run.
         """
-        same = ~differs(still.picture, self.picture())
+        same = ~differs(still.picture, self.picture()) | (self.frames == 0)
         more: Float32Array = frames * still.where.astype(np.float32)
         share = more / np.maximum(self.frames + more, 1)
         apart = still.picture - self.mean

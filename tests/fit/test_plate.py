@@ -123,10 +123,9 @@ class TestRun:
     def test_what_does_not_stand_still_counts_for_nothing(self) -> None:
         where = np.arange(160) < 80
         run = Run.of(self.seen(texture(), where), 30)
-        lost, both = run.with_next(self.seen(texture() + np.uint8(4), ~where), 30, np.inf)
+        lost, both = run.with_next(self.seen(texture(5), ~where), 30, np.inf)
         assert lost == 0
-        wanted = texture()
-        wanted[:, 80:] += 4
+        wanted = np.where(where[:, None], texture(), texture(5))
         assert np.array_equal(both.picture(), wanted)
 
     def test_where_another_thing_stands_it_stays(self) -> None:
