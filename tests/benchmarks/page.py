@@ -16,6 +16,7 @@ from tests.benchmarks.page_gpu import gpu_section
 from tests.benchmarks.page_quality import quality_sections
 from tests.benchmarks.results_plots import plot_rates, plot_times
 from tests.benchmarks.results_read import (
+    LONG,
     PUBLISHED_TIMES,
     Json,
     load,
@@ -365,7 +366,7 @@ def page(results: dict[str, Json]) -> str:
         "",
         *rate_section(results),
         *bd_section(results, "clips-bits-", 96),
-        *bd_section(results, "clips-long-", 240),
+        *bd_section(results, LONG, 240),
         *picture_section(),
         *quality_sections(results),
         *time_section(results),

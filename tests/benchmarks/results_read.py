@@ -13,6 +13,10 @@ PUBLISHED_TIMES = ((0.5, 33.17), (1.0, 34.60), (1.5, 35.14), (2.0, 35.48))
 PUBLISHED_RATES = ((0.25, 35.65), (0.37, 38.29))
 
 
+#: How the names of results begin that have more frames of clips than 96.
+LONG = "clips-long-"
+
+
 def load(folder: Path) -> dict[str, Json]:
     """Return every result by the name of its file."""
     return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
