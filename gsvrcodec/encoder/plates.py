@@ -68,7 +68,9 @@ def chain_plates(
         number, now = number + 1, next(seen)
         while share and plate is not None and now is not None and plate.takes(now):
             number, now = number + 1, next(seen)
-        yield from repeat(None if plate is None else plate.coded(), number - first)
+        coded = None if plate is None else plate.coded()
+        del plate  # it is large
+        yield from repeat(coded, number - first)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
