@@ -85,6 +85,7 @@ def chain_jobs(
             reference=state.reference,
             before=before,
             plate=state.plate,
+            alone=len(chain.gops) == 1,
         )
         before = frames[-1].copy()  # without the others
         del frames
@@ -293,7 +294,7 @@ def _tasks(
     plates: Iterator[bytes | None] = repeat(None)
     if any(missing) and settings.plates:
         slopes = [own[0].slope for own in by_chain]
-        plates = chain_plates(chains, slopes, reader, share=settings.predicts)
+        plates = chain_plates(chains, slopes, reader.ahead.read, share=settings.predicts)
     for number, (chain, own, plate) in enumerate(zip(chains, by_chain, plates, strict=False)):
         if not missing[number]:
             continue

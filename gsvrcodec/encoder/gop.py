@@ -128,6 +128,8 @@ class _Fitter:
         coded, plate = job.plate, None
         if coded is not None:
             plate = unpack_plate(coded, job.size)
+        if plate is None and job.alone:
+            return
         if plate is None or not shows(job.frames, plate.shown()):
             coded = gop_plate(job.frames, slope)
             plate = None if coded is None else unpack_plate(coded, job.size)

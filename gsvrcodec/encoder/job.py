@@ -44,7 +44,8 @@ class GopJob:
     seconds: float | None = None  #: wall time to spend; None = by the preset
     reference: Reference | None = None  #: None = a key GOP
     before: Picture | None = None  #: (H, W, 3) RGB last frame of the reference, of the source
-    plate: bytes | None = None  #: coded, which its chain has if it is a key GOP; None = not known
+    plate: bytes | None = None  #: coded, for a key GOP; None = none is known
+    alone: bool = False  #: whether it is all of its chain, in which a plate has been looked for
 
     @property
     def size(self) -> tuple[int, int]:

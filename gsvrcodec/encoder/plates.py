@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain as joined
 from itertools import repeat
@@ -13,12 +13,14 @@ from gsvrcodec.bitstream.gop_head import GopEntry
 from gsvrcodec.bitstream.gop_payload import coded_plate, on_plate_of
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.source import ChainReader
 from gsvrcodec.fit.footage import Frames, some_frames
 from gsvrcodec.fit.plate import Run, Still, pays, quality_at, still_in
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import PLATE
 from gsvrcodec.planes import avif
+
+#: Reads frames by their numbers, (K, H, W, 3) RGB.
+Read = Callable[[Sequence[int]], Frames]
 
 
 def gop_plate(frames: Frames, slope: Slope) -> bytes | None:
@@ -28,21 +30,15 @@ def gop_plate(frames: Frames, slope: Slope) -> bytes | None:
         frames: (F, H, W, 3) RGB.
         slope: That the GOP aims at.
     """
-    if len(frames) < PLATE.least_frames:
-        return None
-    still = still_in(frames[some_frames(len(frames), PLATE.frames)])
-    if still.share < PLATE.still:
-        return None
-    quality = quality_at(slope.bit / len(frames))
-    if not pays(still, len(avif.encode(still.picture, quality, trial=True)), lasts=False):
-        return None
-    return avif.encode(still.picture, quality)
+    seen = _Seen.of([range(len(frames))], slope, lambda numbers: frames[list(numbers)])
+    plate = None if seen is None else _Plate.of(seen, lasts=False)
+    return None if plate is None else plate.coded()
 
 
 def chain_plates(
     chains: Sequence[Chain],
     slopes: Sequence[Slope | None],
-    reader: ChainReader,
+    read: Read,
     *,
     share: bool,
 ) -> Iterator[bytes | None]:
@@ -54,17 +50,17 @@ def chain_plates(
     Args:
         chains: Frames of the GOPs of each.
         slopes: That their key GOPs aim at; None = they aim at something else.
-        reader: Of the frames.
+        read: Reads frames by their numbers, each later than those before.
         share: Whether chains may have the same one.
     """
 
     def look(chain: Chain, slope: Slope | None) -> _Seen | None:
-        return None if slope is None else _Seen.of(chain, slope, reader)
+        return None if slope is None else _Seen.of(chain, slope, read)
 
     seen = joined(map(look, chains, slopes), (None,))
     number, now = 0, next(seen)
     while number < len(chains):
-        first, plate = number, None if now is None else _Plate.of(now)
+        first, plate = number, None if now is None else _Plate.of(now, lasts=True)
         number, now = number + 1, next(seen)
         while share and plate is not None and now is not None and plate.takes(now):
             number, now = number + 1, next(seen)
@@ -83,13 +79,13 @@ class _Seen:
     bit: float  #: what a bit has to save, squared 8-bit codes, sum of all frames
 
     @classmethod
-    def of(cls, chain: Chain, slope: Slope, reader: ChainReader) -> Self | None:
+    def of(cls, chain: Chain, slope: Slope, read: Read) -> Self | None:
         """Look at some frames of a chain; None for too short a chain."""
         frames = range(chain[0].start, chain[-1].stop)
         if len(frames) < PLATE.least_frames:
             return None
         some = some_frames(len(frames), PLATE.frames)
-        still = still_in(reader.pictures([frames[n] for n in some]))
+        still = still_in(read([frames[n] for n in some]))
         return cls(still, len(frames), slope.lasting * len(chain[0]), bit_worth(slope.qscale))
 
 
@@ -102,13 +98,18 @@ class _Plate:
         self._cost = 8 * size * seen.bit
 
     @classmethod
-    def of(cls, seen: _Seen) -> Self | None:
-        """Return one for a chain; None where it does not pay."""
-        if seen.still.share < PLATE.mostly:
+    def of(cls, seen: _Seen, *, lasts: bool) -> Self | None:
+        """Return one for a chain, or for a GOP that is not all of its chain; None = none pays.
+
+        Args:
+            seen: What stands still.
+            lasts: Whether for the whole chain.
+        """
+        if seen.still.share < (PLATE.mostly if lasts else PLATE.still):
             return None
         picture = seen.still.picture
         size = len(avif.encode(picture, quality_at(seen.bit / seen.shown), trial=True))
-        return cls(seen, size) if pays(seen.still, size, lasts=True) else None
+        return cls(seen, size) if pays(seen.still, size, lasts=lasts) else None
 
     def takes(self, seen: _Seen) -> bool:
         """Let it show the next chain, too, unless another one is better."""

@@ -142,7 +142,7 @@ class SharedPictures:
         return self.source.pictures(self.pts, self.checksums)
 
 
-class _Onward:
+class Onward:
     """Reads a video forward: some pictures, then some that come later."""
 
     def __init__(self, video: VideoReader) -> None:
@@ -175,7 +175,7 @@ class LaterPictures:
         return len(self.numbers)
 
     def unpacked(self) -> Pictures:
-        """Return (F, H, W, 3) RGB; raises as `_Onward.read`."""
+        """Return (F, H, W, 3) RGB; raises as `Onward.read`."""
         return self.read(self.numbers)
 
 
@@ -204,11 +204,10 @@ class ChainFrames:
 class ChainReader(Protocol):
     """Gets the frames of chains, in the order of the film."""
 
+    ahead: Onward  #: reads frames of chains that are read later
+
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return the frames of a chain; no pictures of its `finished` GOPs but for the last."""
-
-    def pictures(self, numbers: Sequence[int]) -> Pictures:
-        """Return some pictures, (K, H, W, 3) RGB; none before those of the last call."""
 
 
 class Times(Protocol):
@@ -234,8 +233,8 @@ class ReadHere(ChainReader):
 
     def __init__(self, video: VideoReader, times: Times, *, pack: bool) -> None:
         self._video, self._times, self._pack = video, times, pack
-        self._readers: list[_Onward] = []
-        self._ahead = _Onward(video)
+        self._readers: list[Onward] = []
+        self.ahead = Onward(video)
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read when they are taken, GOP by GOP."""
@@ -246,15 +245,11 @@ class ReadHere(ChainReader):
         pictures += [packed(one.unpacked()) for one in later] if self._pack else later
         return ChainFrames(chain, pictures, *_times_of(chain, self._times))
 
-    def pictures(self, numbers: Sequence[int]) -> Pictures:
-        """Return some pictures, by a reader of its own."""
-        return self._ahead.read(numbers)
-
-    def _reader(self, numbers: Sequence[int]) -> _Onward:
+    def _reader(self, numbers: Sequence[int]) -> Onward:
         """Return a reader for frames: one that is done, the nearest before them, or a new one."""
         done = [one for one in self._readers if one.stop <= one.next <= numbers[0]]
         if not done:
-            self._readers.append(_Onward(self._video))
+            self._readers.append(Onward(self._video))
         reader = max(done, key=lambda one: one.next, default=self._readers[-1])
         reader.stop = numbers[-1] + 1
         return reader
@@ -274,7 +269,7 @@ class ReadThere(ChainReader):
     ) -> None:
         self._path = str(video.info.path.absolute())
         self._options, self._known = dict(options), lookahead
-        self._ahead = _Onward(video)
+        self.ahead = Onward(video)
 
     def read(self, chain: Chain, finished: int) -> ChainFrames:
         """Return frames that are read where they are unpacked."""
@@ -283,10 +278,6 @@ class ReadThere(ChainReader):
         for gop in chain:
             pictures.append(self._shared(source, gop))
         return ChainFrames(chain, pictures, *_times_of(chain, known))
-
-    def pictures(self, numbers: Sequence[int]) -> Pictures:
-        """Return some pictures, which are read here."""
-        return self._ahead.read(numbers)
 
     def _shared(self, source: SharedSource, numbers: Sequence[int]) -> SharedPictures:
         known = self._known

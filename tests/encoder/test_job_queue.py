@@ -169,10 +169,10 @@ class TestReadHere:
         assert numbers(frames.take(1)) == [4, 5, 6]
 
     def test_some_pictures_ahead_of_the_chains(self, reader: ReadHere) -> None:
-        assert numbers(reader.pictures([1, 3, 4])) == [1, 3, 4]
+        assert numbers(reader.ahead.read([1, 3, 4])) == [1, 3, 4]
         chain = reader.read([range(1, 4), range(4, 12)], 0)
         assert numbers(chain.take(0)) == [1, 2, 3]
-        assert numbers(reader.pictures([6, 11])) == [6, 11]
+        assert numbers(reader.ahead.read([6, 11])) == [6, 11]
         assert numbers(chain.take(1)) == list(range(4, 12))
 
 

@@ -17,10 +17,8 @@ from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.encoder.encode import Progress
-from gsvrcodec.encoder.film import Chain
 from gsvrcodec.encoder.plates import chain_plates
 from gsvrcodec.encoder.rate import qscale_of
-from gsvrcodec.encoder.source import ChainFrames
 from gsvrcodec.errors import UnsupportedError
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.limits import Limits
@@ -104,20 +102,16 @@ class TestChainPlates:
         frames = np.concatenate(chains)
         read, plates, reads = 0, [], []
 
-        class Reader:
-            def read(self, chain: Chain, finished: int) -> ChainFrames:
-                raise NotImplementedError
-
-            def pictures(self, numbers: Sequence[int]) -> Frames:
-                nonlocal read
-                assert numbers[0] >= read
-                read = numbers[-1] + 1
-                return frames[list(numbers)]
+        def some(numbers: Sequence[int]) -> Frames:
+            nonlocal read
+            assert numbers[0] >= read
+            read = numbers[-1] + 1
+            return frames[list(numbers)]
 
         last = len(frames)
         gops = [[range(n, n + 4), range(n + 4, min(n + 12, last))] for n in range(0, last, 12)]
         slopes = slopes or [self.SLOPE] * len(gops)
-        for plate in chain_plates(gops, slopes, Reader(), share=share):
+        for plate in chain_plates(gops, slopes, some, share=share):
             plates.append(plate)
             reads.append(read)
         return plates, reads
@@ -169,6 +163,23 @@ def test_with_key_gops_only_each_has_its_own() -> None:
     with GsvrReader(io.BytesIO(chained(keyint=0, gop=8))) as reader:
         assert all(gop.is_key for gop in reader.gops)
         assert all(parse_gop_head(reader.read_gop(n)).plate for n in range(len(reader.gops)))
+
+
+def test_a_gop_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is all of its chain has no plate of its own where the chain has none."""
+    looked: list[int] = []
+
+    def look(frames: Frames, slope: Slope) -> None:
+        looked.append(len(frames))
+
+    monkeypatch.setattr("gsvrcodec.encoder.gop.gop_plate", look)
+    wide = texture(width=240)
+    moving = np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(16)])
+    encoded(moving, keyint=0)
+    assert looked == []
+    encoded(moving)
+    assert looked
+    assert set(looked) == {8}
 
 
 def test_a_camera_that_was_pushed_has_another() -> None:
