@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 from itertools import islice, repeat
 
-import numpy as np
-
 from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
@@ -23,10 +21,9 @@ from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ChainFrames, ChainReader
-from gsvrcodec.encoder.tuned import CHAIN
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.fit.footage import Picture
-from gsvrcodec.fit.target import Quality, Size, Slope
+from gsvrcodec.fit.target import Quality, Size
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from gsvrcodec.limits import Limits
 from gsvrcodec.versions import sources
@@ -51,7 +48,6 @@ def chain_jobs(
         plate: of the chain, coded; None = it has none.
     """
     began = time.perf_counter()
-    efforts = shared_efforts(list(map(len, chain.gops)))
     state = _State(settings, sum(budget.bytes for budget in budgets), plate)
     before: Picture | None = None  #: last frame of the GOP before
     given = overrun = 0.0  # seconds that GOPs had, and took beyond them: to read, start, pack
@@ -66,8 +62,8 @@ def chain_jobs(
         left = None
         if seconds is not None:
             waiting = [
-                visited_frames(len(own)) * effort * planned.step_cost
-                for own, effort, planned in zip(chain.gops, efforts, budgets, strict=True)
+                visited_frames(len(own)) * planned.step_cost
+                for own, planned in zip(chain.gops, budgets, strict=True)
             ][number:]
             kept = given / (given + overrun) if given else 1.0
             spent = time.perf_counter() - began
@@ -80,7 +76,6 @@ def chain_jobs(
             budget=state.budget(budget, budgets[number:]),
             settings=settings,
             execution=settings.execution,
-            effort=efforts[number],
             seconds=left,
             reference=state.reference,
             before=before,
@@ -96,19 +91,6 @@ def chain_jobs(
             overrun += max(0.0, time.perf_counter() - asked - left)
         if number + 1 < len(chain.gops):
             state.add(result, budget)
-
-
-def shared_efforts(lengths: Sequence[int]) -> list[float]:
-    """Effort for a visited frame of each GOP of a chain; 1 in the mean of all of them.
-
-    Args:
-        lengths: frames of each GOP.
-    """
-    weights = np.ones(len(lengths))
-    weights[0] = CHAIN.key_effort
-    frames = np.array(list(map(visited_frames, lengths)))
-    efforts: list[float] = (weights * frames.sum() / (weights @ frames)).tolist()
-    return efforts
 
 
 class _State:
@@ -147,8 +129,6 @@ class _State:
                 share = max(self._left, 0) * size / max(sum(budget.bytes for budget in rest), 1)
                 target = Size(max(1, int(share)), exact=len(rest) == 1)
                 return replace(planned, gaussians=count, target=target)
-            case Slope():
-                return replace(planned, gaussians=count)
             case Quality() if self.reference is not None:
                 aim = sum(RATE_CONTROL.spare) / 2
                 octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave

@@ -91,14 +91,15 @@ class _Fitter:
         shown = backend.render(backend.prepare(reference.gop), last, job.size, job.size)[0]
         look = last_look(reference.gop, reference.frames)
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
-        allowance = self._allowance(min(budget.gaussians, self._fittable))
+        gaussians = budget.gaussians if budget.slope is None else len(reference.gop)
+        allowance = self._allowance(min(gaussians, self._fittable))
         slope = budget.slope
         if budget.bytes:  # the qscale goes on from that of the reference
             slope = Slope(reference.qscale, most_gaussians(job.size))
         fit = fit_predicted(
             self._footage,
             LastFrame(look, shown, job.before, qscale, reference.psnr),
-            budget.gaussians,
+            gaussians,
             job.grid,
             job.options,
             allowance,
@@ -137,8 +138,7 @@ class _Fitter:
             return
         self.plate, self.backend = coded, self.backend.over(plate)
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
-        target = replace(slope, lasting=min(slope.lasting, PLATE.lasting))
-        budget = replace(job.budget, gaussians=count, target=target)
+        budget = replace(job.budget, gaussians=count, target=replace(slope, lasting=1.0))
         self.job = replace(job, budget=budget)
 
     def _key(self, gaussians: int, share: float) -> Fit:

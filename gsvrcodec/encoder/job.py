@@ -40,7 +40,6 @@ class GopJob:
     budget: Budget
     settings: EncodeSettings
     execution: Execution = field(default_factory=Execution)
-    effort: float = 1.0  #: optimiser steps / steps of the preset
     seconds: float | None = None  #: wall time to spend; None = by the preset
     reference: Reference | None = None  #: None = a key GOP
     before: Picture | None = None  #: (H, W, 3) RGB last frame of the reference, of the source
@@ -56,7 +55,7 @@ class GopJob:
     def steps(self) -> int:
         """Optimiser steps, without `seconds`."""
         frames = visited_frames(len(self.frames))
-        return round(self.effort * self.settings.frame_visits * frames)
+        return round(self.settings.frame_visits * frames)
 
     @property
     def grid(self) -> GridSize:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from gsvrcodec.encoder.tuned import CHAIN, CRF, RATE
 from gsvrcodec.fit.target import bit_worth
-from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
+from gsvrcodec.fit.tuned import EFFORT, PREDICTION, RATE_CONTROL
 
 if TYPE_CHECKING:
     from gsvrcodec.encoder.analysis import FrameStats
@@ -59,6 +59,7 @@ def lasting(chain: Sequence[range], stats: Sequence[FrameStats], psnr: float) ->
     """Frames that a Gaussian of the key GOP of a chain lasts, in the mean / frames of that GOP.
 
     It lasts until the picture changes where it lies: as a rule the same places change in all GOPs.
+    Where most of the picture has changed, the next key GOP begins.
 
     Args:
         chain: frames of each GOP.
@@ -69,6 +70,8 @@ def lasting(chain: Sequence[range], stats: Sequence[FrameStats], psnr: float) ->
     for gop in chain[1:]:
         changed = fmean(frame.changed_at(psnr) for frame in stats[gop.start : gop.stop])
         left = min(left, 1 - changed)
+        if left < PREDICTION.kept:
+            break
         frames += left * len(gop)
     return frames / len(chain[0])
 

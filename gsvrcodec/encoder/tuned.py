@@ -88,7 +88,6 @@ class _Chain:
     gaussian_bits: float = 57.0  #: payload of a key GOP / Gaussians, bits
     number_bits: float = 5.0  #: payload of a small GOP / numbers of its tri-plane, bits
     fitted_a_second: float = 1000.0  #: changing Gaussians that a core can fit in a second
-    key_effort: float = 2.0  #: effort per frame of a key GOP / effort per other frame
     idle_step: float = 0.4  #: time of a step without change / time of a step of the key GOP
 
 

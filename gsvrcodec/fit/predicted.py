@@ -54,8 +54,9 @@ def fit_predicted(
 ) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
 
-    Where the optical flow loses them, a fit from their places takes longer than one that begins
-    with nothing; then there is no fit.
+    There is no fit where the optical flow loses them, for one from their places takes longer than
+    one that begins with nothing. With a slope, there is none where most of them would change: a
+    change takes about as many bits as a new Gaussian, which is free to be where it is needed.
 
     The same arguments give the same result in any process, unless there is a wall time.
 
@@ -85,6 +86,8 @@ def fit_predicted(
     where = over_time.moving(worth_of_motion)
     still = to_be_static(look, where | over_time.changed(reference.source, worth_of_motion))
     worth[still & (worth < PREDICTION.still_worth * least)] = 0
+    if slope is not None and (worth < least).mean() < PREDICTION.kept:
+        return None
     stays = worth < _least_worth(worth, least, allowance.gaussians)
     extra = gaussians - len(there)
     if stays.all() and extra <= 0:

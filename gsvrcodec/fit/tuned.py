@@ -73,7 +73,6 @@ class _Plate:
     aged: float = 0.6
     #: bits that Gaussians take where a plate does not show what is there / bits of the plate there
     repair: float = 2.0
-    lasting: float = 1.5  #: most frames that Gaussians before a plate last / frames of their GOP
     #: squared 8-bit codes that a bit saves at a quality of AV1
     saves: Mapping[float, float] = field(
         default_factory=lambda: {
@@ -158,6 +157,7 @@ class _Prediction:
     undone: float = 1.5  #: worth of a change / worth of its bits below which it is undone
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
+    kept: float = 0.6  #: share that stays as it is below which a slope has no predicted GOP
     #: Gaussians that change, by the slope / as many as it calls for in a key GOP
     numbers: float = 0.8
     #: a GOP is not predicted if its start is below `lost`, and so much below its reference, unless

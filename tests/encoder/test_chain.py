@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import gsvrcodec
-from gsvrcodec.encoder.chain import chain_jobs, shared_efforts
+from gsvrcodec.encoder.chain import chain_jobs
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
-from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
 from gsvrcodec.fit.target import Quality, Size, Slope
@@ -62,7 +61,7 @@ class TestJobs:
             assert job.reference is not None
             assert same.reference is not None
             assert_gops_equal(job.reference.gop, same.reference.gop)
-            assert (job.budget, job.effort) == (same.budget, same.effort)
+            assert job.budget == same.budget
             assert job.before is not None
             assert same.before is not None
             np.testing.assert_array_equal(job.before, same.before)
@@ -129,8 +128,7 @@ class TestQuality:
 
 def test_a_slope_and_its_gaussians_stay() -> None:
     jobs = jobs_of([Budget(80, Slope(2.0, 500))] * 3)
-    counts = [len(whole.gop) for whole in decode_all(make_file(PAYLOADS))]
-    assert [job.budget.gaussians for job in jobs] == [80, *counts[:2]]
+    assert [job.budget.gaussians for job in jobs] == [80] * 3
     assert {job.budget.target for job in jobs} == {Slope(2.0, 500)}
 
 
@@ -168,17 +166,6 @@ class TestTime:
         assert job.seconds is not None
         times.append(job.seconds)
         assert 1.25 * sum(times[1:]) == pytest.approx(100 - 1.25 * times[0])
-
-
-class TestEfforts:
-    @pytest.mark.parametrize("lengths", [(5,), (5, 5), (16, 16, 16, 9), (1, 30)])
-    def test_one_in_the_mean_of_all_frames(self, lengths: tuple[int, ...]) -> None:
-        efforts = shared_efforts(lengths)
-        frames = list(map(visited_frames, lengths))
-        assert np.average(efforts, weights=frames) == pytest.approx(1)
-        assert len(set(efforts[1:])) <= 1
-        if len(lengths) > 1:
-            assert efforts[0] > 1.2 * efforts[1]
 
 
 def test_the_codec_of_planes_changes_no_picture() -> None:

@@ -91,14 +91,8 @@ class TestSettings:
             for crf in (26, 36)
         )
         for result, crf in (fine, 26), (coarse, 36):
-            # Finer steps where others build on them.
-            keys, rest = (
-                [gop.qscale or 0.0 for gop in result.gop_stats if gop.key == key]
-                for key in (True, False)
-            )
-            assert set(rest) == {qscale_of(crf)}
-            assert 0.5 * qscale_of(crf) < min(keys) < max(keys) <= qscale_of(crf)
-            assert sum(not gop.key for gop in result.gop_stats)
+            assert len(result.gop_stats) > 2
+            assert {gop.qscale for gop in result.gop_stats} == {qscale_of(crf)}
         assert fine.bytes > 1.5 * coarse.bytes
         assert fine.psnr > coarse.psnr + 0.5
 

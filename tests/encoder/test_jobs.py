@@ -189,20 +189,6 @@ class TestPredicted:
         assert 0.9 * size <= len(done.payload) <= 1.02 * size
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
 
-    def test_their_number_follows_the_qscale_where_a_size_is_to_be_met(
-        self, key: tuple[GopJob, EncodedGop]
-    ) -> None:
-        counts = []
-        for qscale in (0.2, 2.0):
-            target = Size(len(key[1].payload), exact=False)
-            job = following(key, self.GOES_ON // 8 * 7, Budget(200, target))
-            assert job.reference is not None
-            job = replace(job, reference=replace(job.reference, qscale=qscale))
-            done = encode_gop(job)
-            counts.append(len(decoded(done, job)))
-            assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
-        assert counts[0] > 200 > counts[1]
-
     def test_bytes_that_win_nothing_are_left(self, key: tuple[GopJob, EncodedGop]) -> None:
         size = int(2.5 * len(key[1].payload))
         done = encode_gop(following(key, self.GOES_ON, Budget(200, Size(size))))

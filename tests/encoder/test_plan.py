@@ -79,7 +79,7 @@ class TestChains:
         assert {budget.gaussians for budget in budgets} == {most_gaussians(self.SIZE)}
 
     def test_a_slope_is_that_of_every_gop(self) -> None:
-        budgets = self.plan([16, 16], [16], crf=26)
+        budgets = self.plan([16, 16], [16], crf=26, changed=0.1)
         slopes = [budget.slope for budget in budgets]
         assert {slope and slope.qscale for slope in slopes} == {qscale_of(26)}
         assert slopes[0] is not None

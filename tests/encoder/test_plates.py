@@ -79,7 +79,7 @@ def test_later_chains_have_that_of_the_first() -> None:
     """They begin with GOPs that drop all Gaussians of the first key GOP."""
     data = chained()
     with GsvrReader(io.BytesIO(data)) as reader:
-        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 0, 8, 0, 16]
+        assert {gop.reference_frame for gop in reader.gops} == {0}
         head = parse_gop_head(reader.read_gop(2))
         assert head.carried_from == head.dropped == reader.gops[0].gaussians
     apart, in_order = chained(keyint=0, gop=8), shown(data)
@@ -187,7 +187,7 @@ def test_a_camera_that_was_pushed_has_another() -> None:
     pushed = FILM.copy()
     pushed[8:] = np.roll(FILM[8:], 5, axis=2)
     with GsvrReader(io.BytesIO(chained(pushed))) as reader:
-        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 8, 8, 8, 16]
+        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 8, 8, 8, 8]
 
 
 def test_chains_that_share_one_are_the_same_however_they_are_made(tmp_path: Path) -> None:

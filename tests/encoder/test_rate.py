@@ -32,9 +32,9 @@ class TestLasting:
 
     @pytest.mark.parametrize(
         ("first", "second", "frames"),
-        [(0.0, 0.0, 14), (1.0, 0.0, 4), (0.0, 1.0, 8), (0.5, 0.5, 9), (0.25, 0.5, 10)],
+        [(0.0, 0.0, 14), (1.0, 0.0, 4), (0.0, 1.0, 8), (0.25, 0.25, 11.5), (0.25, 0.5, 7)],
     )
-    def test_until_the_picture_changes(self, first: float, second: float, frames: int) -> None:
+    def test_until_the_picture_changes(self, first: float, second: float, frames: float) -> None:
         changed = [0.0] * 4 + [first] * 4 + [second] * 6
         stats = [FrameStats(0.0, False, changed=(share,) * 5) for share in changed]
         assert lasting(self.CHAIN, stats, 36.0) == pytest.approx(frames / 4)
