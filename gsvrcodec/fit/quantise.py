@@ -93,6 +93,7 @@ def quantise_in_stages(
         if look:
             adam.look(tensors)
         adam.step(gradients, factor, number)
+        parameters.limit()
 
     for stage in _STAGES:
         rounded = dequantised(gop, precision, carried)

@@ -156,8 +156,8 @@ class Quantiser(NamedTuple):
     ) -> Self:
         """The quantiser to whole multiples of a step, with as many bits as the values need.
 
-        Where 16 bits or the bounds are too narrow for all values, values are clipped to the
-        multiples around the median.
+        Where the bounds leave fewer multiples than the values need, the step is longer. Where 16
+        bits are too few, values are clipped to the multiples around the median.
 
         Args:
             values: Any shape, at least one value, all finite.
@@ -170,11 +170,13 @@ class Quantiser(NamedTuple):
         if not np.isfinite(values).all():
             raise ValueError("a value to quantise is not finite")
         size = short_step(step)
-        least = max(math.ceil(bounds[0] / size), -MOST_MULTIPLE)
-        most = min(math.floor(bounds[1] / size), MOST_MULTIPLE) - 1
+        least, most = _multiples(bounds, size)
+        room = (most - least + 1).bit_length() - 1
+        if room < _MAX_BITS and (float(values.max()) - float(values.min())) / size >= 1 << room:
+            size = short_step((bounds[1] - bounds[0]) / (1 << room), whole=math.floor)
+            least, most = _multiples(bounds, size)
         codes = np.clip(np.rint(np.asarray(values, np.float64) / size), least, most)
         low, high = int(codes.min()), int(codes.max())
-        room = (most - least + 1).bit_length() - 1
         bits = min(max(1, (high - low).bit_length()), room, _MAX_BITS)
         if high - low >> bits:
             low = round(float(np.median(codes))) - (1 << (bits - 1))
@@ -209,6 +211,12 @@ class Quantiser(NamedTuple):
         inside = (values.astype(np.float64) - self.offset) / self.step - codes + 0.5
         parts = np.floor(np.ldexp(inside, bits))
         return np.clip(parts, 0, np.ldexp(1.0, bits) - 1).astype(np.uint8)
+
+
+def _multiples(bounds: tuple[float, float], step: float) -> tuple[int, int]:
+    """Return the least and the greatest multiple of a step that codes may stand for."""
+    least = max(math.ceil(bounds[0] / step), -MOST_MULTIPLE)
+    return least, min(math.floor(bounds[1] / step), MOST_MULTIPLE) - 1
 
 
 #: Quantiser of `mode`; the greatest mode is 4.

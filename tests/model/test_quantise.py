@@ -155,6 +155,14 @@ class TestSteps:
         np.testing.assert_allclose(stored[:3], values[:3], atol=1e-5)
         assert 30 < stored[3] < 66
 
+    def test_steps_are_longer_where_the_bounds_leave_too_few(self) -> None:
+        """Of 491 multiples within the bounds 8 bits reach over 256, 12.5 in all."""
+        values = np.array([-5.84, 0.0, 3.3, 3.4, 7.2], np.float32)
+        quantiser = Quantiser.of_step(values, 0.0488, (-12.0, 12.0))
+        assert quantiser.step == 24 / 256
+        stored = values_of_codes(quantiser, quantiser.quantise(values))
+        np.testing.assert_allclose(stored, values, atol=quantiser.step / 2)
+
     @pytest.mark.parametrize("values", [[-31.9, 0, 0.1], [12.9, 12.9], [-32, 12, 13]])
     def test_no_code_is_out_of_bounds(self, values: list[float]) -> None:
         wanted = np.array(values, np.float32)
