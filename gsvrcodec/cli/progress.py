@@ -116,7 +116,8 @@ def _figures(state: Progress) -> list[str]:
     if state.workers > 1:
         parts.append(f"{state.chains_done}/{state.chains}{more} chains, {state.workers} workers")
     parts.append(f"GOP {state.gop}/{state.gops}{more}")
-    parts.append(f"{state.frames_done}/{state.frames} frames")
+    first = " of a first pass" if state.phase == "measuring" else ""
+    parts.append(f"{state.frames_done}/{state.frames} frames{first}")
     if state.psnr is not None:
         parts.append(f"{state.psnr:.2f} dB")
     if state.bitrate is not None:

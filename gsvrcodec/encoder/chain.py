@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 from itertools import islice, repeat
 
-from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
+from gsvrcodec.bitstream.gop_payload import coded_plate, unpack_gop, unpack_plate
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import encode_gop
@@ -20,10 +20,11 @@ from gsvrcodec.encoder.plates import chain_plates
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.size import Rooms, Spending
 from gsvrcodec.encoder.source import ChainFrames, ChainReader
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.fit.footage import Picture
-from gsvrcodec.fit.target import Quality, Size
+from gsvrcodec.fit.target import Quality, Size, Slope
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from gsvrcodec.limits import Limits
 from gsvrcodec.versions import sources
@@ -36,19 +37,22 @@ def chain_jobs(
     finished: Sequence[EncodedGop],
     seconds: float | None,
     plate: bytes | None = None,
+    room: float | None = None,
 ) -> Generator[GopJob, EncodedGop, None]:
     """Yield the job of each GOP; is sent the result before it yields the next one.
 
     Args:
         chain: the frames; of finished GOPs, those of the last alone are needed.
-        budgets: of each GOP; bytes that one GOP leaves go to the next ones.
+        budgets: of each GOP.
         settings: of the encode.
         finished: results of the first GOPs of the chain, which are not done again.
         seconds: wall time for the GOPs that are not finished; None = by the preset.
         plate: of the chain, coded; None = it has none.
+        room: bytes that it may take, but for the plate; None = any.
     """
     began = time.perf_counter()
-    state = _State(settings, sum(budget.bytes for budget in budgets), plate)
+    spending = None if room is None else Spending([budget.bytes for budget in budgets], room)
+    state = _State(settings, plate, spending)
     before: Picture | None = None  #: last frame of the GOP before
     given = overrun = 0.0  # seconds that GOPs had, and took beyond them: to read, start, pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
@@ -73,7 +77,7 @@ def chain_jobs(
             pts=chain.pts[number],
             durations=chain.durations[number],
             first_frame=gop.start,
-            budget=state.budget(budget, budgets[number:]),
+            budget=state.budget(budget),
             settings=settings,
             execution=settings.execution,
             seconds=left,
@@ -96,16 +100,21 @@ def chain_jobs(
 class _State:
     """Last GOP of a chain as a decoder has it, and bytes that are left."""
 
-    def __init__(self, settings: EncodeSettings, size: int, plate: bytes | None) -> None:
+    def __init__(
+        self, settings: EncodeSettings, plate: bytes | None, spending: Spending | None
+    ) -> None:
         self._settings = settings
-        self._left = size
+        self._of_chain, self._spending = plate, spending
         self._spare = 0.0
         self.reference: Reference | None = None  #: of the next GOP
         self.plate = plate  #: for the next key GOP, coded; None = none is known
 
     def add(self, result: EncodedGop, budget: Budget) -> None:
         """Count a finished GOP, and take it for the reference of the next one."""
-        self._left -= len(result.payload)
+        if self._spending is not None:
+            coded = coded_plate(result.payload)
+            beside = 0 if coded is None or coded != self._of_chain else len(coded)
+            self._spending.add(len(result.payload) - beside)
         if isinstance(budget.target, Quality):
             self._spare = result.float_psnr - budget.target.psnr - RATE_CONTROL.rounding_loss
         if not self._settings.predicts or result.qscale is None:
@@ -121,19 +130,26 @@ class _State:
             whole, result.frames.start, len(result.frames), result.qscale, result.psnr, plate
         )
 
-    def budget(self, planned: Budget, rest: Sequence[Budget]) -> Budget:
-        """Return a GOP's budget, by what is left for it and the `rest`, which begins with it."""
+    def budget(self, planned: Budget) -> Budget:
+        """Return a GOP's budget, by what is left."""
         count = planned.gaussians if self.reference is None else len(self.reference.gop)
         match planned.target:
-            case Size(size):
-                share = max(self._left, 0) * size / max(sum(budget.bytes for budget in rest), 1)
-                target = Size(max(1, int(share)), exact=len(rest) == 1)
-                return replace(planned, gaussians=count, target=target)
+            case Slope() as slope:
+                return self._spent(planned, slope)
             case Quality() if self.reference is not None:
                 aim = sum(RATE_CONTROL.spare) / 2
                 octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave
                 return replace(planned, gaussians=max(1, round(count * 2**octaves)))
         return planned
+
+    def _spent(self, planned: Budget, slope: Slope) -> Budget:
+        """Return the budget of a GOP that makes up for what others took."""
+        spending = self._spending
+        if spending is None:
+            return planned
+        slope = replace(slope, qscale=spending.coarser() * slope.qscale)
+        exact = Size(max(1, int(spending.left)), slope)
+        return replace(planned, target=exact if spending.is_last else slope)
 
 
 #: Jobs of a chain: sent the result of one, it yields the next.
@@ -150,6 +166,7 @@ class ChainTask:
     finished: Sequence[EncodedGop]  #: results of its first GOPs, which are not done again
     seconds: float | None  #: wall time for the others; None = by the preset
     plate: bytes | None = None  #: of the chain, coded; None = it has none
+    room: float | None = None  #: bytes that it may take, but for the plate; None = any
     sources: str = field(default_factory=sources)  #: digest of the code of the encoding process
 
     @property
@@ -160,7 +177,13 @@ class ChainTask:
     def jobs(self) -> ChainJobs:
         """Yield the job of each GOP; is sent the result before it yields the next one."""
         return chain_jobs(
-            self.frames, self.budgets, self.settings, self.finished, self.seconds, self.plate
+            self.frames,
+            self.budgets,
+            self.settings,
+            self.finished,
+            self.seconds,
+            self.plate,
+            self.room,
         )
 
 
@@ -275,7 +298,10 @@ def _tasks(
     if any(missing) and settings.plates:
         slopes = [own[0].slope for own in by_chain]
         plates = chain_plates(chains, slopes, reader.ahead.read, share=settings.predicts)
+    rooms, before = Rooms(sum(budget.bytes for budget in budgets)), None
     for number, (chain, own, plate) in enumerate(zip(chains, by_chain, plates, strict=False)):
+        room = rooms.of_chain(own, 0 if plate is None or plate is before else len(plate))
+        before = plate
         if not missing[number]:
             continue
         seconds = None
@@ -284,4 +310,4 @@ def _tasks(
             left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
             seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
         done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
-        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds, plate)
+        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds, plate, room)

@@ -4,6 +4,7 @@ The file `OUTPUT.part` is a row of chunks as in a .gsvr file, under a signature 
 
     plan  JSON object: what the encode was begun with
     stat  JSON object: the analysis of the input
+    size  JSON object: what a first pass found, where the file has a size to meet
     part  a finished GOP: length of a JSON object (u32), the object, the GOP's payload
 
 Nothing is believed without its CRC; what a kill or a power cut left half-written is dropped.
@@ -33,11 +34,12 @@ from gsvrcodec.bitstream.chunk import (
 )
 from gsvrcodec.encoder.analysis import Analysis
 from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.size import Taken
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
 _SIGNATURE = b"\x89GSP\r\n\x1a\n"
-_PLAN, _ANALYSIS, _PART = b"plan", b"stat", b"part"
+_PLAN, _ANALYSIS, _SIZE, _PART = b"plan", b"stat", b"size", b"part"
 _LENGTH = struct.Struct("<I")
 #: Of a finished GOP, beside its frames.
 _FIGURES = ("psnr", "float_psnr", "seconds", "qscale", "plate_bytes")
@@ -73,6 +75,7 @@ class Checkpoint:
     ) -> None:
         self._entries: dict[range, _Kept] = {}
         self._analysis: Analysis | None = None
+        self._first_pass: Taken | None = None
         self._end = 0
         self._lock = threading.Lock()  # of the place in the file
         self._file: BinaryIO
@@ -138,6 +141,16 @@ class Checkpoint:
         self._append(_ANALYSIS, json.dumps(analysis.to_json()).encode())
         self._analysis = analysis
 
+    @property
+    def first_pass(self) -> Taken | None:
+        """What a first pass found; None = it was not kept."""
+        return self._first_pass
+
+    def keep_first_pass(self, found: Taken) -> None:
+        """Keep what a first pass found."""
+        self._append(_SIZE, json.dumps(found.to_json()).encode())
+        self._first_pass = found
+
     def add(self, gop: EncodedGop) -> None:
         """Keep a finished GOP; it is on the disk when this returns."""
         frames = [gop.frames.start, gop.frames.stop]
@@ -199,7 +212,7 @@ class Checkpoint:
         return len(start) < len(_SIGNATURE)
 
     def _begin(self, plan: dict[str, Any]) -> None:
-        self._entries, self._analysis = {}, None
+        self._entries, self._analysis, self._first_pass = {}, None, None
         self._end = len(_SIGNATURE)
         self._file.seek(0)
         self._file.truncate()
@@ -254,6 +267,8 @@ class Checkpoint:
         payload = self._read(entry)
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
+        elif entry.type == _SIZE:
+            self._first_pass = Taken.from_json(_object(payload))
         elif entry.type == _PART:
             gop, content = _split(payload)
             self._entries[gop.frames] = _Kept(gop, entry, len(content))

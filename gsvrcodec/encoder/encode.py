@@ -7,9 +7,8 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -22,14 +21,11 @@ from gsvrcodec.bitstream.header import IMAGE_CODECS_FLAG, PLATES_FLAG, Header
 from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
-from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.chain import all_tasks
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.film import Section
 from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.output import Destination, open_output, verify_file
-from gsvrcodec.encoder.plan import Budget, plan
+from gsvrcodec.encoder.passes import Passes
 from gsvrcodec.encoder.progress import Meter, Progress
 from gsvrcodec.encoder.request import Request, checked
 from gsvrcodec.encoder.results import EncodedGop, EncodeResult, GopStats
@@ -37,6 +33,7 @@ from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
 from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
+from gsvrcodec.encoder.size import Taken, first_pass
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
 from gsvrcodec.planes import PACKS
@@ -148,39 +145,45 @@ def encode(
     ):
         size = video.info.width, video.info.height
         pace, tick = partial(chosen.expected_pace, size[0] * size[1]), video.info.time_base
-        meter = Meter(lookahead, checkpoint, began, progress, tick, video.expected_frames, pace)
+        meter_of = partial(
+            Meter,
+            lookahead,
+            began=began,
+            progress=progress,
+            time_base=tick,
+            expected=video.expected_frames,
+            pace=pace,
+        )
+        meter = meter_of(checkpoint)
         lookahead.waiting = partial(meter.report, "analysing")
         lookahead.waiting()
         # Analyse, ahead of the fits: where GOPs begin, and which are predicted.
         if not lookahead.until(bool):
             raise NotAVideoError(f"{path} has no video frames")
-        gops, stats = lookahead.gops, lookahead.stats
-
-        # Plan each section: a budget for each of its GOPs.
         extras = read_extras(path, chosen.copied_kinds, _span(lookahead, video.info, chosen))
         begin = partial(_begin, info=video.info, settings=chosen, extras=extras)
-        planned: list[Budget] = []
-
-        def budgets_of(section: Section) -> list[Budget]:
-            taken = _taken(begin, extras, gops) if isinstance(chosen.target, FilmSize) else {}
-            found = plan(section.chains, stats, size, chosen, seconds=section.seconds, **taken)
-            planned.extend(found)
-            return found
-
-        # Fit: chains side by side, the GOPs of each one after another.
         runner: Runner = elsewhere or Processes.for_film(lookahead, checkpoint, video.info, chosen)
-        reader: ChainReader = ReadHere(video, lookahead, pack=runner.sends)
+        reader: Callable[[], ChainReader] = partial(ReadHere, video, lookahead, pack=runner.sends)
         if shared_source:
-            reader = ReadThere(video, request.reading, lookahead)
-        tasks = all_tasks(
-            lookahead.sections(), budgets_of, chosen, checkpoint, began, reader, runner.at_once()
-        )
+            reader = partial(ReadThere, video, request.reading, lookahead)
+        passes = Passes(lookahead, size, reader, runner, meter_of)
+
+        # A size is met by a constant quality, which a first pass finds.
+        made, sizes = chosen, None
+        if isinstance(chosen.target, FilmSize):
+            sizes = checkpoint.first_pass
+            if sizes is None:
+                sizes = _sizes(chosen, chosen.target, passes, begin, extras)
+                checkpoint.keep_first_pass(sizes)
+            made = chosen.at_quality(sizes.crf)
+
+        # Plan each section, and fit: chains side by side, the GOPs of each one after another.
         check = partial(_check, video, meter, checkpoint, chosen.threads)
         destination = Destination(
             target=request.target,
             overwrite=overwrite,
             begin=begin,
-            gops=gops,
+            gops=lookahead.gops,
             checkpoint=checkpoint,
             check=check if verify else None,
             predicts=chosen.predicts,
@@ -188,14 +191,13 @@ def encode(
         meter.workers, lookahead.waiting = runner.at_once, meter.report
         meter.report()
         with open_output(destination) as output:
-            with closing(runner.run(tasks)) as finished:
-                for done in finished:
-                    checkpoint.add(done)
-                    output.write_finished()
-                    meter.report()
+            for _ in passes.fitted(made, checkpoint, began, sizes):
+                output.write_finished()
+                meter.report()
             writer = output.finish()
-        gop_stats = _gop_stats(gops, stats, writer, checkpoint)
-    _warn_of_bits_left(sum(gop.bytes for gop in gop_stats), planned)
+        gop_stats = _gop_stats(lookahead, writer, checkpoint)
+    if sizes is not None:
+        _warn_of_size(sum(gop.bytes for gop in gop_stats), sizes.total)
     seconds = float(sum(lookahead.durations) * video.info.time_base)
     return _result(request, gop_stats, writer, extras.streams_bytes, seconds, began)
 
@@ -213,12 +215,28 @@ def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Sp
     return Span(start, stop)
 
 
-def _taken(
-    begin: Callable[..., GsvrWriter], extras: Extras, gops: Sequence[range]
-) -> dict[str, int]:
-    """Bytes of a file that are not those of GOPs, as arguments of `plan`."""
+def _sizes(
+    settings: EncodeSettings,
+    target: FilmSize,
+    passes: Passes,
+    begin: Callable[..., GsvrWriter],
+    extras: Extras,
+) -> Taken:
+    """Return what each GOP may take of a size, and the quality of that, by a first pass."""
+    known = passes.lookahead
     empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
-    return {"overhead": empty.final_size(len(gops), 0), "streams": extras.streams_bytes}
+    seconds = sum(section.seconds for section in known.sections())
+    gops = len(known.gops)
+    room = target.room(
+        passes.size,
+        len(known.stats),
+        gops,
+        seconds=seconds,
+        overhead=empty.final_size(len(extras.streams) + gops, 0),
+        streams=extras.streams_bytes,
+    )
+    guess = target.guess(known.stats, passes.size, seconds)
+    return first_pass(settings, guess.crf, room, passes.measured)
 
 
 def _begin(
@@ -235,7 +253,7 @@ def _begin(
         bit_depth=info.bit_depth,
         colour=info.colour,
         blending=settings.blending,
-        flags_required=PLATES_FLAG * (settings.plates and settings.quality is not None),
+        flags_required=PLATES_FLAG * settings.has_plates,
         flags_optional=IMAGE_CODECS_FLAG * (not IMAGE_CODECS.isdisjoint(PACKS[settings.pack])),
     )
     writer = GsvrWriter(file, header, stream=stream)
@@ -256,9 +274,14 @@ def _check(
     verify_file(path, video, quality, threads)
 
 
-def _warn_of_bits_left(taken: int, planned: Sequence[Budget]) -> None:
-    """Say so if the file is smaller than it was to be."""
-    wanted = sum(budget.bytes for budget in planned)
+def _warn_of_size(taken: int, wanted: int) -> None:
+    """Say so if the GOPs of a file take fewer bytes than they were to, or more."""
+    if taken > wanted:
+        _log.warning(
+            "the file takes %.1f %% more than asked for: its GOPs take no less; use longer GOPs "
+            "or a smaller picture",
+            100 * (taken / wanted - 1),
+        )
     if taken < (1 - _LEFT) * wanted:
         _log.warning(
             "the file takes %.0f %% of the bits asked for: more would win next to nothing at this "
@@ -295,15 +318,14 @@ def _result(
 
 
 def _gop_stats(
-    gops: Sequence[range],
-    stats: Sequence[FrameStats],
+    lookahead: Lookahead,
     writer: GsvrWriter,
     checkpoint: Checkpoint,
 ) -> tuple[GopStats, ...]:
     pixels = writer.header.width * writer.header.height
 
     def stats_of(own: EncodedGop, entry: GopEntry) -> GopStats:
-        analysed = stats[own.frames.start : own.frames.stop]
+        analysed = lookahead.stats[own.frames.start : own.frames.stop]
         return GopStats(
             first_frame=own.frames.start,
             frames=len(own.frames),
@@ -319,4 +341,4 @@ def _gop_stats(
             qscale=own.qscale,
         )
 
-    return tuple(map(stats_of, map(checkpoint.figures, gops), writer.gops))
+    return tuple(map(stats_of, map(checkpoint.figures, lookahead.gops), writer.gops))

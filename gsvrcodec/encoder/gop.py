@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_plate
 from gsvrcodec.encoder.job import GopJob
-from gsvrcodec.encoder.plan import fittable, key_gaussians, most_gaussians
+from gsvrcodec.encoder.plan import fittable, most_gaussians
 from gsvrcodec.encoder.plates import gop_plate
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
@@ -23,7 +23,7 @@ from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.plate import shows
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
-from gsvrcodec.fit.target import Slope
+from gsvrcodec.fit.target import Size
 from gsvrcodec.fit.tuned import EFFORT, PLATE
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
@@ -93,9 +93,6 @@ class _Fitter:
         qscale = reference.qscale if budget.slope is None else budget.slope.stored_qscale
         gaussians = budget.gaussians if budget.slope is None else len(reference.gop)
         allowance = self._allowance(min(gaussians, self._fittable))
-        slope = budget.slope
-        if budget.bytes:  # the qscale goes on from that of the reference
-            slope = Slope(reference.qscale, most_gaussians(job.size))
         fit = fit_predicted(
             self._footage,
             LastFrame(look, shown, job.before, qscale, reference.psnr),
@@ -105,7 +102,7 @@ class _Fitter:
             allowance,
             backend,
             seed=job.seed,
-            slope=slope,
+            slope=budget.slope,
         )
         if fit is not None:
             self.backend = backend
@@ -115,11 +112,8 @@ class _Fitter:
         """Fit a key GOP to what the budget asks for."""
         self._take_plate()
         job, budget = self.job, self.job.budget
-        gaussians = budget.gaussians
-        if job.reference is not None and budget.bytes:
-            gaussians = max(1, min(gaussians, key_gaussians(budget.bytes, job.grid)))
         most, timed = most_gaussians(job.size), job.seconds is not None
-        return budget.target.fit(self._key, gaussians, most, timed=timed)
+        return budget.target.fit(self._key, budget.gaussians, most, timed=timed)
 
     def _take_plate(self) -> None:
         """Take a plate for a key GOP, if one pays; then it is most of what lasts."""
@@ -129,7 +123,7 @@ class _Fitter:
         coded, plate = job.plate, None
         if coded is not None:
             plate = unpack_plate(coded, job.size)
-        if plate is None and job.alone:
+        if plate is None and (job.alone or isinstance(job.budget.target, Size)):
             return
         if plate is None or not shows(job.frames, plate.shown()):
             coded = gop_plate(job.frames, slope)
@@ -138,7 +132,9 @@ class _Fitter:
             return
         self.plate, self.backend = coded, self.backend.over(plate)
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
-        budget = replace(job.budget, gaussians=count, target=replace(slope, lasting=1.0))
+        beside = len(self.plate or b"") if coded is job.plate else 0
+        budget = job.budget.beside_plate(replace(slope, lasting=1.0), beside)
+        budget = replace(budget, gaussians=count)
         self.job = replace(job, budget=budget)
 
     def _key(self, gaussians: int, share: float) -> Fit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import zlib
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
 from math import ceil
@@ -18,6 +18,7 @@ from gsvrcodec.ahead import ahead
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section, divided
+from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import LOOKAHEAD
 from gsvrcodec.fit.motion import flow_estimator
@@ -190,11 +191,8 @@ class Lookahead:
 
     def _add(self, begin: int, end: int, *, last: bool = False) -> None:
         """Slice a section and publish it."""
-        info, stats = self._video.info, self.stats[begin:end]
-        ticks = sum(self.durations[begin:end])
-        seconds = float(ticks * info.time_base)
-        size, settings = (info.width, info.height), self._settings
-        found = divided(stats, size, settings.structure, settings.target, seconds=seconds)
+        seconds = float(sum(self.durations[begin:end]) * self._video.info.time_base)
+        found = self._divided(self.stats[begin:end], seconds) if end > begin else []
         chains = [[range(begin + gop.start, begin + gop.stop) for gop in chain] for chain in found]
         with self._changed:
             self.chains += chains
@@ -202,3 +200,11 @@ class Lookahead:
             self._sections += [Section(chains, seconds)] if chains else []
             self.complete = last
             self._changed.notify_all()
+
+    def _divided(self, stats: Sequence[FrameStats], seconds: float) -> list[Chain]:
+        """Return the chains of a section of so many seconds."""
+        info, target = self._video.info, self._settings.target
+        size = info.width, info.height
+        if isinstance(target, FilmSize):
+            target = target.guess(stats, size, seconds)
+        return divided(stats, size, self._settings.structure, target, seconds=seconds)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.film_target import Numbers
+from gsvrcodec.encoder.film_target import FilmSize, Numbers
 from gsvrcodec.encoder.rate import bit_weights, lasting
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import CHAIN, RATE
@@ -37,16 +37,26 @@ class Budget:
     target: Target = field(default_factory=Count)
     grid: GridSize | None = None  #: Gx, Gy, Gt of the tri-plane; None = the usual
     step_cost: float = 1.0  #: time of an optimiser step / that in the key GOP of the chain
-
-    @property
-    def bytes(self) -> int:
-        """Size of the payload that is asked for; 0 = none."""
-        return self.target.bytes if isinstance(self.target, Size) else 0
+    #: bytes that the payload may take, and those of a plate beside them; 0 = any
+    bytes: int = 0
+    plate_bytes: int = 0
 
     @property
     def slope(self) -> Slope | None:
         """The slope that is asked for; None = something else is."""
-        return self.target if isinstance(self.target, Slope) else None
+        match self.target:
+            case Slope() as slope:
+                return slope
+            case Size(slope=slope):
+                return slope
+        return None
+
+    def beside_plate(self, slope: Slope, size: int) -> Budget:
+        """Return a budget with another slope, and with so many bytes more for a plate."""
+        target: Target = slope
+        if isinstance(self.target, Size):
+            target = Size(self.target.bytes + size, slope)
+        return replace(self, target=target)
 
 
 def most_gaussians(size: tuple[int, int]) -> int:
@@ -86,15 +96,6 @@ def grid_parameters(grid: GridSize, blending: Blending) -> int:
     """Stored numbers of a tri-plane."""
     gx, gy, gt = grid
     return triplane_channels(blending) * (gx * gy + gx * gt + gy * gt)
-
-
-def key_gaussians(size: int, grid: GridSize) -> int:
-    """Gaussians of a key GOP in a chain for a payload of `size` bytes.
-
-    Its tri-plane takes a part of the bytes, but half of them are for Gaussians.
-    """
-    bits = max(8 * size - CHAIN.number_bits * grid_parameters(grid, "mean"), 4 * size)
-    return round(bits / CHAIN.gaussian_bits)
 
 
 def allocate(chains: Sequence[Chain], size: tuple[int, int], settings: EncodeSettings) -> list[int]:
@@ -138,8 +139,6 @@ def plan(
     settings: EncodeSettings,
     *,
     seconds: float,
-    overhead: int = 0,
-    streams: int = 0,
 ) -> list[Budget]:
     """Budgets of all GOPs of a section; none depends on the result of another's fit.
 
@@ -147,47 +146,37 @@ def plan(
         chains: Frames of each GOP, one after another.
         stats: Statistics of every frame of the film up to the end of the section.
         size: Width and height, pixels.
-        settings: Of the encode.
+        settings: Of the encode; a size is met by a constant quality.
         seconds: Duration of the section.
-        overhead: Bytes of the file that are neither payloads of GOPs nor copied streams; for a
-            size alone, for which the section is the whole film.
-        streams: Bytes of the copied streams; part of `target_size` alone.
 
     Raises:
-        UsageError: The size asked for is too little for this video.
+        UsageError: The parameters asked for are too few for this video.
     """
     target = settings.target
+    assert not isinstance(target, FilmSize)
     if isinstance(target, Numbers):
         counts = allocate(chains, size, settings)
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]
     section = stats[chains[0][0].start : chains[-1][-1].stop]
     psnr = target.psnr(section, size, seconds)
-    bits = target.chain_bits(
-        [stats[chain[0].start : chain[-1].stop] for chain in chains],
-        list(map(len, chains)),
-        size,
-        seconds=seconds,
-        overhead=overhead,
-        streams=streams,
-    )
     budgets = []
-    for chain, whole in zip(chains, bits, strict=True):
+    for chain in chains:
         weights = bit_weights(chain, stats, psnr)
+        own_stats = stats[chain[0].start : chain[-1].stop]
+        whole = len(own_stats) * size[0] * size[1] * target.bpp(own_stats, size, seconds)
         least = min(8.0 * RATE.least_gop_bytes, whole / len(chain))
-        spare = whole - least * len(chain)
-        shares = [least + spare * weight / sum(weights) for weight in weights]
+        of_key = least + (whole - least * len(chain)) / sum(weights)  # bits
         most = most_gaussians(size)
         fitted = round(min(most, _most_gaussians(chain, weights, settings)))
-        gaussians = max(1, min(round(shares[0] / _gaussian_bits(chain)), fitted))
-        for number, (gop, bits_of_gop) in enumerate(zip(chain, shares, strict=True)):
+        gaussians = max(1, min(round(of_key / _gaussian_bits(chain)), fitted))
+        for number, gop in enumerate(chain):
             grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
             cost = 1.0
             if number:
                 changing = min(1.0, weights[number])
                 cost = CHAIN.idle_step + (1 - CHAIN.idle_step) * changing
             lasts = 1.0 if number else lasting(chain, stats, psnr)
-            own = target.of_gop(bits_of_gop, most, lasts)
-            budgets.append(Budget(gaussians, own, grid, cost))
+            budgets.append(Budget(gaussians, target.of_gop(most, lasts), grid, cost))
     return budgets
 
 

@@ -11,8 +11,9 @@ from typing import Literal, Protocol
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain
 
-#: What an encode does: it looks for GOPs, fits them, compares the file with the source.
-Phase = Literal["analysing", "fitting", "verifying"]
+#: What an encode does: it looks for GOPs, fits them quickly to see what they take, fits them,
+#: compares the file with the source.
+Phase = Literal["analysing", "measuring", "fitting", "verifying"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,8 @@ class Progress:
     frames: int  #: all frames; until `analysed` a number by the container, or those analysed so far
     psnr: float | None  #: dB, mean of the frames done; None = none yet
     seconds_per_frame: float | None  #: wall time so far over frames done in it
-    #: Wall time still to go: by the preset until a GOP is done; None = not known yet.
+    #: Wall time still to go: by the preset until a GOP is done; None = not known yet, as in a first
+    #: pass.
     eta_seconds: float | None
     chains_done: int = 0  #: chains of GOPs of which all are done
     chains: int = 0  #: all chains of the frames analysed so far
@@ -86,7 +88,7 @@ class Meter:
         fitted = sum(len(gop) for gop in done if gop not in self._resumed)
         if not complete:
             frames = max(frames, self._expected or 0)
-        foreseen = complete or self._expected is not None
+        foreseen = phase != "measuring" and (complete or self._expected is not None)
         workers = self.workers()
         pace = (time.perf_counter() - self._began) / fitted if fitted else None
         expected = pace or self._pace(max(1, min(workers, len(chains))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
@@ -20,6 +21,11 @@ def qscale_of(crf: float) -> float:
     return min(max(qscale, RATE_CONTROL.finest), RATE_CONTROL.coarsest)
 
 
+def crf_of(qscale: float) -> float:
+    """The number on the scale of constant quality for a qscale, within the scale."""
+    return min(max(0.0, CRF.at + CRF.octave * math.log2(qscale / CRF.qscale)), CRF.highest)
+
+
 def visited_frames(frames: int) -> int:
     """Frames that the visits of a GOP are counted for: at least so many that its fit converges."""
     return max(frames, EFFORT.least_frames)
@@ -35,6 +41,12 @@ def bpp_at(stats: Sequence[FrameStats], qscale: float) -> float:
     """Bits a pixel at which one more saves as much error as at a qscale."""
     slope = RATE.fall * RATE.error * complexity(stats) / bit_worth(qscale)
     return float(slope ** (1 / (1 + RATE.fall)))
+
+
+def qscale_at(stats: Sequence[FrameStats], bpp: float) -> float:
+    """The qscale at which `bpp_at` comes to these bits a pixel."""
+    slope = RATE.fall * RATE.error * complexity(stats) / bpp ** (1 + RATE.fall)
+    return math.sqrt(slope / bit_worth(1.0))
 
 
 def bit_weights(chain: Sequence[range], stats: Sequence[FrameStats], psnr: float) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from difflib import get_close_matches
 from types import UnionType
 from typing import (
@@ -26,7 +26,7 @@ from gsvrcodec.encoder.film_target import (
     Numbers,
 )
 from gsvrcodec.encoder.rate import qscale_of
-from gsvrcodec.encoder.tuned import PROCESSES
+from gsvrcodec.encoder.tuned import CRF, PROCESSES
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.recipe import Deform, FitOptions, Flow, Profile
 from gsvrcodec.fit.tuned import EFFORT
@@ -161,8 +161,8 @@ class EncodeSettings:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise UsageError(f"`{name}` must be above 0 {unit}, not {value}")
-        if self.crf is not None and not 0 <= self.crf <= _HIGHEST_CRF:
-            raise UsageError(f"`crf` must be 0 to {_HIGHEST_CRF}, not {self.crf}")
+        if self.crf is not None and not 0 <= self.crf <= CRF.highest:
+            raise UsageError(f"`crf` must be 0 to {CRF.highest:g}, not {self.crf}")
         if not 0 <= self.keyint < float("inf"):
             raise UsageError(f"`keyint` must be 0 or more seconds, not {self.keyint}")
         if self.gop_max is not None and self.gop_min > self.gop_max:
@@ -187,8 +187,12 @@ class EncodeSettings:
         by_default = self.profile == "main" and not self._sizes
         return DEFAULT_CRF if by_default else self.crf
 
+    def at_quality(self, crf: float) -> Self:
+        """Return the same with a constant quality in place of a size."""
+        return replace(self, crf=crf, bpp=None, bitrate=None, target_size=None)
+
     @property
-    def target(self) -> FilmTarget:
+    def target(self) -> FilmTarget | FilmSize:
         """What the file is to take or to reach."""
         if self.quality is not None:
             return ConstantQuality(self.quality)
@@ -199,6 +203,11 @@ class EncodeSettings:
                 return FilmSize(argument, value)
         # What the numbers of the publication's profile take is not known.
         return Numbers(self.params if self.profile == "main" else None, self.gaussians)
+
+    @property
+    def has_plates(self) -> bool:
+        """Whether GOPs may have plates."""
+        return self.plates and (self.quality is not None or isinstance(self.target, FilmSize))
 
     @property
     def structure(self) -> Structure:
@@ -223,7 +232,9 @@ class EncodeSettings:
     @property
     def shares_out(self) -> bool:
         """Whether bits, numbers or time are shared out over the whole film."""
-        return self.time_budget is not None or self.target.shares_out
+        target = self.target
+        shared = target.gaussians is None if isinstance(target, Numbers) else False
+        return self.time_budget is not None or shared or isinstance(target, FilmSize)
 
     @property
     def frame_visits(self) -> float:
@@ -304,7 +315,6 @@ _WORDS = {
     "gop": "'adaptive' or a number of frames",
     "crop": "(width, height, x, y) in pixels, x and y None for the centre",
 }
-_HIGHEST_CRF = 51  #: of x264
 _DEFAULT_PRESET: Preset = "medium"
 _FILE_SIZES: tuple[Literal["bpp", "bitrate", "target_size"], ...] = (
     "bpp",

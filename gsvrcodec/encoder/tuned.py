@@ -52,7 +52,7 @@ class _Rate:
     error: float = 0.05
     fall: float = 0.77
     detail_share: float = 0.06
-    most_unequal: float = 8.0  #: cap on bytes a frame of a GOP / mean, and inversely
+    taken: float = 0.47  #: bits that a constant quality takes / bits by this, in the mean
     number_bits: float = 5.0  #: file / stored numbers, bits
     usual_psnr: float = 36.0  #: dB, where nothing tells the size
     least_gop_bytes: int = 1500  #: payload of a GOP that is hardly more than its tables
@@ -65,6 +65,7 @@ class _Crf:
     at: float = 26.0  #: number of a file
     qscale: float = 1.0  #: that has this qscale
     octave: float = 4.75  #: numbers between a qscale and its double
+    highest: float = 51.0  #: number, as of x264
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +87,25 @@ class _Chain:
     changing_bits: float = 0.72  #: added where all changes
     evenness: float = 0.325  #: power of complexity / that of the key GOP by which these bits grow
     gaussian_bits: float = 57.0  #: payload of a key GOP / Gaussians, bits
-    number_bits: float = 5.0  #: payload of a small GOP / numbers of its tri-plane, bits
     fitted_a_second: float = 1000.0  #: changing Gaussians that a core can fit in a second
     idle_step: float = 0.4  #: time of a step without change / time of a step of the key GOP
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """Meeting a size of a file."""
+
+    time: float = 0.25  #: time of a first pass / time budget
+    passes: int = 2  #: most first passes
+    near: float = 2.5  #: CRF by which the last of them may differ from what it finds
+    effort: float = 0.92  #: bytes of GOPs without plates / those of a first pass of less effort
+    head_bytes: int = 250  #: of the payload of a GOP that do not depend on the qscale
+    plate_power: float = 0.65  #: bytes of plates fall by the qscale to the power of minus this
+    power: float = 1.15  #: bytes of all else do
+    trust: float = 0.2  #: weight of the plan of a chain / weight of what its GOPs take
+    fuller: float = 0.92  #: qscale that the last GOP of a chain is fitted for / that by its bytes
+    least_gop_bytes: int = 300  #: payload of the smallest GOP
+    reach: float = 2.5  #: most qscale of a GOP / that of the film, and inversely
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,4 +124,5 @@ GOP_LENGTH = _GopLength()
 RATE = _Rate()
 CRF = _Crf()
 CHAIN = _Chain()
+SIZE = _Size()
 PROCESSES = _Processes()

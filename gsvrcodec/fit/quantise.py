@@ -237,7 +237,7 @@ class QuantisedFit:
         costs = self.sensitivities
         if self.slope is not None and self.losses is not None:
             moving = np.asarray(gop.linear.any(axis=1) | gop.quadratic.any(axis=1))
-            chosen = self.slope.worthwhile(self.losses, moving)
+            chosen = self.slope.at(qscale).worthwhile(self.losses, moving)
             gop, costs = select_gaussians(gop, chosen), select_gaussians(costs, chosen)
         return gop, refined_steps(gop, costs, qscale)
 

@@ -16,6 +16,7 @@ _PSNR_TOLERANCE = 0.02
 #: Slopes to begin with: a qscale e times as large saves 30 % of the bits and costs 1 dB.
 _SIZE_FALL, _PSNR_FALL = 0.3, 1.0
 _MOST_TRIALS = 12
+_MOST_ROUNDINGS = 4
 #: Shortest and longest stride of the logarithm while the target is not bracketed.
 _STRIDES = 0.01, 1.2
 
@@ -133,43 +134,28 @@ class Trial(Protocol):
 F = TypeVar("F", bound=Trial)
 
 
-def quantise_to_size(candidate: Candidate[R], target_bytes: int) -> R:
+def quantise_to_size(candidate: Candidate[R], target_bytes: int, qscale: float) -> R:
     """Quantise so that the payload takes at most `target_bytes`, and nearly as many.
 
     It takes fewer where more of them would win next to nothing. If tuning adds more bytes than were
-    kept free for it, as it may to a small GOP, the GOP is rounded once more, to coarser steps.
+    kept free for it, as it may to a small GOP, the GOP is rounded again, to coarser steps.
+
+    Args:
+        candidate: a fit.
+        target_bytes: of the payload.
+        qscale: to begin with.
     """
     wanted = round((1 - RATE_CONTROL.size_room) * target_bytes)
-    qscale = find_qscale(candidate.size, Goal.of_size(wanted), candidate.usual_qscale)
+    qscale = find_qscale(candidate.size, Goal.of_size(wanted), qscale)
     wanted += candidate.size(qscale) - candidate.size(qscale, exact=True)
-    for _ in range(2):
+    for trial in range(_MOST_ROUNDINGS):
         qscale = find_qscale(candidate.size, Goal.of_size(wanted), qscale)
         found = candidate.quantised(max(qscale, _finest(candidate)))
         over, before = candidate.stored_bytes(found) - target_bytes, candidate.size(qscale)
         if over <= 0 or before > wanted:  # met, or out of reach
             break
-        wanted = before - over
+        wanted = before - (1 + trial) * over
     return found
-
-
-def quantise_near_size(
-    candidate: Candidate[R], target_bytes: int, qscale: float, reach: float
-) -> R:
-    """Quantise so that the payload takes about `target_bytes`; what is missed, others make up for.
-
-    Args:
-        candidate: a fit.
-        target_bytes: of the payload.
-        qscale: the qscale to begin with.
-        reach: factor by which the qscale may differ from that; by more only if the payload takes
-            far too many bytes else.
-    """
-    miss = candidate.size(qscale) / target_bytes
-    factor, enough = (
-        (miss / excess) ** (1 / RATE_CONTROL.size_power) for excess in (1.0, RATE_CONTROL.excess)
-    )
-    wanted = qscale * max(min(max(factor, 1 / reach), reach), enough)
-    return candidate.quantised(min(max(wanted, _finest(candidate)), RATE_CONTROL.coarsest))
 
 
 def _finest(candidate: Candidate[R]) -> float:

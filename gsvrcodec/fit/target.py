@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,6 @@ from gsvrcodec.fit.search import (
     F,
     R,
     fit_to_psnr,
-    quantise_near_size,
     quantise_to_psnr,
     quantise_to_size,
 )
@@ -65,25 +64,6 @@ class Count(Target):
 
 
 @dataclass(frozen=True, slots=True)
-class Size(Target):
-    """A size of the payload."""
-
-    searches = True
-
-    bytes: int
-    exact: bool = True  #: whether it has to be met; else later GOPs make up for it
-
-    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
-        """Store at the qscale that meets the size, or near that of the GOP before."""
-        if self.exact:
-            return quantise_to_size(candidate, self.bytes)
-        if before is None:
-            first = RATE_CONTROL.coarser_key * candidate.usual_qscale
-            return quantise_near_size(candidate, self.bytes, first, RATE_CONTROL.key_reach)
-        return quantise_near_size(candidate, self.bytes, before, RATE_CONTROL.reach)
-
-
-@dataclass(frozen=True, slots=True)
 class Quality(Target):
     """A mean PSNR of the decoded frames."""
 
@@ -119,6 +99,10 @@ class Slope(Target):
     def stored_qscale(self) -> float:
         """Factor of the steps of the GOP: finer where others build on it."""
         return self.qscale / math.pow(self.lasting, SLOPE.lasting)
+
+    def at(self, stored_qscale: float) -> Slope:
+        """Return the slope that is stored at a qscale."""
+        return replace(self, qscale=stored_qscale / self.stored_qscale * self.qscale)
 
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale of the slope."""
@@ -165,6 +149,20 @@ class Slope(Target):
         chosen: NDArray[np.bool_] = losses >= bits * self.bit
         chosen[losses.argmax()] = True
         return chosen
+
+
+@dataclass(frozen=True, slots=True)
+class Size(Target):
+    """A size of the payload, for a fit by a slope that takes about as much."""
+
+    searches = True
+
+    bytes: int
+    slope: Slope
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale that meets the size."""
+        return quantise_to_size(candidate, self.bytes, self.slope.stored_qscale)
 
 
 def _gaussian_bits(moving: float) -> float:

@@ -282,12 +282,6 @@ class _RateControl:
     tunings: int = 4  #: most trials of the qscale with tuning
     near: float = 0.04  #: dB by which a quality may be missed
     size_room: float = 0.003  #: bytes kept free for what tuning may add / size
-    size_power: float = 0.6  #: a size falls by the qscale to the power of minus this
-    #: where a size need not be met exactly, cap on the ratio of the qscale
-    key_reach: float = 1.4  #: to the usual one of a key GOP
-    reach: float = 2.0  #: to that of the reference
-    excess: float = 1.2  #: size / size asked for above which these caps do not hold
-    coarser_key: float = 2.0  #: qscale of a key GOP whose chain has a size to meet / usual one
     finest_usual: float = 0.5  #: finest qscale where a size is to be met / usual one
     finest: float = 0.1  #: finest qscale
     coarsest: float = 16.0  #: coarsest qscale

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Sequence
 from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 
+from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
+from gsvrcodec.encoder.film_target import FilmSize, FilmTarget
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.rate import crf_of, qscale_at
 from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ChainFrames
 from tests.gops import encoded, make_chain
 
@@ -59,3 +64,16 @@ def chains_of(*lengths: Iterable[int]) -> list[Chain]:
         chains.append([range(*pair) for pair in pairwise(stops)])
         start = stops[-1]
     return chains
+
+
+def of_rate(
+    stats: Sequence[FrameStats], *, bpp: float | None = None, **settings: Any
+) -> dict[str, Any]:
+    """Return settings; in place of `bpp`, the quality at which frames take so many by the model."""
+    return settings if bpp is None else settings | {"crf": crf_of(qscale_at(stats, bpp))}
+
+
+def of_film(settings: EncodeSettings) -> FilmTarget:
+    """Return the target of settings without a size."""
+    assert not isinstance(settings.target, FilmSize)
+    return settings.target

@@ -10,14 +10,25 @@ import numpy as np
 import pytest
 
 import gsvrcodec
+from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.chain import chain_jobs
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
+from gsvrcodec.encoder.tuned import SIZE
 from gsvrcodec.fit.target import Quality, Size, Slope
 from tests.encoder.chains import BUDGET, LENGTHS, PAYLOADS, RESULTS, driven, frames_of, ranges
-from tests.gops import assert_gops_equal, decode_all, encoded, make_file, make_payload
+from tests.gops import (
+    BITS,
+    assert_gops_equal,
+    decode_all,
+    encoded,
+    make_file,
+    make_gop,
+    make_payload,
+)
+from tests.vectors.streams import a_plate
 
 
 def jobs_of(
@@ -26,11 +37,13 @@ def jobs_of(
     *,
     finished: int = 0,
     seconds: float | None = None,
+    room: float | None = None,
+    plate: bytes | None = None,
     **settings: Any,
 ) -> list[GopJob]:
     frames = frames_of([len(gop) for gop in ranges(LENGTHS)[: len(budgets)]])
     chosen = EncodeSettings(**settings)
-    jobs = chain_jobs(frames, budgets, chosen, results[:finished], seconds)
+    jobs = chain_jobs(frames, budgets, chosen, results[:finished], seconds, plate, room)
     return driven(jobs, results[finished:])
 
 
@@ -84,28 +97,58 @@ class TestJobs:
         assert [len(pictures) > 0 for pictures in frames.pictures] == [False, False, True, True]
 
 
-class TestBytes:
+class TestRoom:
+    """A chain has so many bytes: a GOP is as coarse as what is left for it and the next asks."""
+
     SIZES = tuple(map(len, PAYLOADS))
 
-    def targets(self, *targets: int, finished: int = 0) -> list[int]:
-        jobs = jobs_of([Budget(30, Size(target)) for target in targets], finished=finished)
-        return [job.budget.bytes for job in jobs]
-
-    def test_there_is_always_something(self) -> None:
-        assert self.targets(10, 10, 10) == [10, 1, 1]
+    def targets(self, *planned: int, room: float, **options: Any) -> list[Slope | Size]:
+        budgets = [Budget(30, Slope(2.0, 500), bytes=size) for size in planned]
+        found = [job.budget.target for job in jobs_of(budgets, room=room, **options)]
+        return [target for target in found if isinstance(target, Slope | Size)]
 
     def test_only_the_last_gop_has_to_meet_its_size(self) -> None:
-        jobs = jobs_of([Budget(30, Size(1000))] * 4)
-        targets = [job.budget.target for job in jobs]
-        exact = [isinstance(target, Size) and target.exact for target in targets]
-        assert exact == [False, False, False, True]
-        (alone,) = jobs_of([Budget(30, Size(1000))], [])
-        assert alone.budget.target == Size(1000, exact=True)
+        *first, last = self.targets(*self.SIZES, room=sum(self.SIZES))
+        assert [isinstance(target, Slope) and target.qscale for target in first] == (
+            pytest.approx([2.0] * 3)
+        )
+        assert isinstance(last, Size)
+        assert last.bytes == self.SIZES[3]
+        assert last.slope.qscale == pytest.approx(SIZE.fuller * 2.0)
+        (alone,) = self.targets(1000, room=1000, results=[])
+        assert alone == Size(1000, Slope(SIZE.fuller * 2.0, 500))
+
+    @pytest.mark.parametrize(("share", "coarser"), [(0.7, True), (1.4, False)])
+    def test_gops_make_up_for_those_before(self, share: float, coarser: bool) -> None:
+        planned = [round(share * size) for size in self.SIZES]
+        first, second, _, last = self.targets(*planned, room=sum(planned))
+        assert first == Slope(2.0, 500)
+        assert isinstance(second, Slope)
+        assert (second.qscale > 2.0) == coarser
+        assert isinstance(last, Size)
+        assert last.bytes == max(1, sum(planned) - sum(self.SIZES[:3]))
+
+    def test_there_is_always_something(self) -> None:
+        *_, last = self.targets(10, 10, 10, room=30)
+        assert isinstance(last, Size)
+        assert last.bytes == 1
 
     def test_finished_gops_count(self) -> None:
-        first, second = self.SIZES[:2]
-        planned = (first + 700, second, second)
-        assert self.targets(*planned, finished=2) == self.targets(*planned)[2:]
+        planned = [2 * size for size in self.SIZES]
+        targets = self.targets(*planned, room=sum(planned))
+        assert self.targets(*planned, room=sum(planned), finished=2) == targets[2:]
+
+    def test_the_plate_of_the_chain_is_apart(self) -> None:
+        """Whoever gives the bytes has counted it; any other plate takes bytes of the chain."""
+        coded, times = a_plate(64, 48), (40 * np.arange(3), np.full(3, 40))
+        results = [encoded(range(3), pack_gop(make_gop(20), *times, 0, BITS, plate=coded))]
+        beside, within = (
+            self.targets(5000, 5000, room=10_000, results=results, plate=plate)[1]
+            for plate in (coded, b"another")
+        )
+        assert isinstance(beside, Size)
+        assert isinstance(within, Size)
+        assert beside.bytes == within.bytes + len(coded)
 
 
 class TestQuality:

@@ -79,11 +79,16 @@ class TestContent:
         assert fmean(gop.float_psnr - gop.psnr for gop in done) < 0.25
 
 
+def sized(size: int) -> Size:
+    """Return the target of so many bytes for six frames of 160x96, by about the right slope."""
+    return Size(size, Slope(3600 / size, 9000))
+
+
 class TestTargets:
     @pytest.mark.parametrize("size", [4000, 9000])
     def test_size(self, size: int) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 6)
-        job = gop_job(frames, Budget(size // 9, Size(size)), first_frame=8)
+        job = gop_job(frames, Budget(size // 9, sized(size)), first_frame=8)
         done = encode_gop(job)
         assert 0.97 * size <= len(done.payload) <= 1.01 * size
         assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
@@ -104,7 +109,7 @@ class TestTargets:
     def test_more_bytes_are_better(self) -> None:
         frames = sample(making.BUNNY_SMALL, (160, 96), 4)
         small, large = (
-            encode_gop(gop_job(frames, Budget(300, Size(size)))) for size in (3000, 6000)
+            encode_gop(gop_job(frames, Budget(300, sized(size)))) for size in (3000, 6000)
         )
         assert large.psnr > small.psnr + 0.5
 
@@ -181,17 +186,26 @@ class TestPredicted:
         assert content.carried is None
         assert (content.reference, len(content.new)) == (0, 200)
 
-    @pytest.mark.parametrize("share", [0.65, 0.7, 0.75])
-    def test_size(self, key: tuple[GopJob, EncodedGop], share: float) -> None:
-        size = int(share * len(key[1].payload))
-        job = following(key, self.GOES_ON, Budget(200, Size(size)))
-        done = encode_gop(job)
-        assert 0.9 * size <= len(done.payload) <= 1.02 * size
-        assert quality(decoded(done, job), job) == pytest.approx(done.psnr, abs=0.02)
+    def test_a_slope_has_a_key_gop_where_most_would_change(
+        self, key: tuple[GopJob, EncodedGop]
+    ) -> None:
+        """It begins with as many Gaussians as were planned for one."""
+        budget = Budget(150, Slope(3.0, 400), grid=(4, 3, 4))
+        stands, moves = (
+            encode_gop(following(key, frames, budget))
+            for frames in (self.STANDS, 255 - self.GOES_ON)
+        )
+        assert parse_gop_head(stands.payload).reference == 4
+        assert (
+            moves.payload
+            == encode_gop(
+                replace(following(key, 255 - self.GOES_ON, budget), reference=None)
+            ).payload
+        )
 
     def test_bytes_that_win_nothing_are_left(self, key: tuple[GopJob, EncodedGop]) -> None:
-        size = int(2.5 * len(key[1].payload))
-        done = encode_gop(following(key, self.GOES_ON, Budget(200, Size(size))))
+        size = int(4 * len(key[1].payload))
+        done = encode_gop(following(key, self.GOES_ON, Budget(200, Size(size, Slope(3.0, 400)))))
         assert len(done.payload) < 0.9 * size
         assert done.float_psnr - done.psnr < 0.2
 
@@ -268,7 +282,7 @@ class TestPurity:
         backward = [encode_gop(second).payload, encode_gop(first).payload]
         assert forward == backward[::-1]
 
-    @pytest.mark.parametrize("target", [Count(), Size(3000), Quality(24.0)], ids=str)
+    @pytest.mark.parametrize("target", [Count(), sized(3000), Quality(24.0)], ids=str)
     def test_threads_do_not_matter(self, target: Target) -> None:
         job = self.jobs()[0]
         job = replace(job, budget=replace(job.budget, target=target))

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
+from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.rate import (
     bit_weights,
     bpp_at,
-    bpp_for,
+    crf_of,
     lasting,
     qscale_of,
     visited_frames,
@@ -19,7 +20,7 @@ from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CRF, RATE
 from gsvrcodec.fit.target import bit_worth
 from gsvrcodec.fit.tuned import EFFORT, RATE_CONTROL
-from tests.encoder.chains import chains_of
+from tests.encoder.chains import chains_of, of_film, of_rate
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
 SIZE = (320, 180)
@@ -83,17 +84,24 @@ def test_a_high_quality_takes_more_visits() -> None:
 
 class TestExpected:
     def expected(self, **settings: Any) -> tuple[float, float]:
-        target = EncodeSettings(**settings).target
+        target = of_film(EncodeSettings(**of_rate(STATS, **settings)))
         return target.bpp(STATS, SIZE, 3.0), target.psnr(STATS, SIZE, 3.0)
 
-    def test_by_size(self) -> None:
-        bpp, psnr = self.expected(bpp=0.1)
-        assert bpp == pytest.approx(0.1)
-        assert bpp_for(STATS, psnr) == pytest.approx(0.1)
-        assert self.expected(bitrate=round(0.1 * 320 * 180 * 20)) == pytest.approx((bpp, psnr))
-        assert self.expected(target_size=round(0.1 * 320 * 180 * 60 / 8)) == (
-            pytest.approx((bpp, psnr))
-        )
+    @pytest.mark.parametrize(
+        "settings",
+        [{"bpp": 0.1}, {"bitrate": 115_200}, {"target_size": 43_200}],
+        ids=str,
+    )
+    def test_a_size_is_met_by_a_quality(self, settings: dict[str, Any]) -> None:
+        target = EncodeSettings(**settings).target
+        assert isinstance(target, FilmSize)
+        guess = target.guess(STATS, SIZE, 3.0)
+        assert RATE.taken * guess.bpp(STATS, SIZE, 3.0) == pytest.approx(0.1)
+
+    @pytest.mark.parametrize(("bpp", "crf"), [(1e-5, CRF.highest), (1e3, 0.0)])
+    def test_a_guess_is_on_the_scale(self, bpp: float, crf: float) -> None:
+        assert FilmSize("bpp", bpp).guess(STATS, SIZE, 3.0).crf == crf
+        assert FilmSize("target_size", -9).guess(STATS, SIZE, 3.0).crf == CRF.highest
 
     def test_by_quality(self) -> None:
         bpp, psnr = self.expected(target_psnr=35.0)
@@ -109,9 +117,6 @@ class TestExpected:
         for settings in ({"gaussians": 9}, {"profile": "paper"}, {"profile": "paper", "params": 9}):
             assert self.expected(**settings) == (float("inf"), RATE.usual_psnr)
 
-    def test_a_size_that_only_copied_streams_fill(self) -> None:
-        assert self.expected(target_size=1)[1] < 10
-
 
 class TestSlope:
     def test_the_scale_of_constant_quality(self) -> None:
@@ -119,13 +124,15 @@ class TestSlope:
         assert qscale_of(CRF.at + CRF.octave) == pytest.approx(2 * CRF.qscale)
         assert qscale_of(0) >= RATE_CONTROL.finest
         assert qscale_of(51) <= RATE_CONTROL.coarsest
+        assert [crf_of(qscale_of(crf)) for crf in (12, 26, 44)] == pytest.approx([12, 26, 44])
+        assert (crf_of(1e-9), crf_of(1e9)) == (0, CRF.highest)
 
     @pytest.mark.parametrize("qscale", [0.5, 2.0])
     def test_a_bit_more_saves_what_it_is_worth(self, qscale: float) -> None:
         bpp = bpp_at(STATS, qscale)
         errors = []
         for bits in (0.999 * bpp, 1.001 * bpp):
-            psnr = EncodeSettings(bpp=bits).target.psnr(STATS, SIZE, 3.0)
+            psnr = of_film(EncodeSettings(**of_rate(STATS, bpp=bits))).psnr(STATS, SIZE, 3.0)
             errors.append(255.0**2 / 10 ** (psnr / 10))
         slope = (errors[0] - errors[1]) / (0.002 * bpp)
         assert slope == pytest.approx(bit_worth(qscale), rel=1e-3)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from gsvrcodec.fit.search import (
     Candidate,
     fit_to_psnr,
-    quantise_near_size,
     quantise_to_psnr,
     quantise_to_size,
 )
@@ -85,13 +84,21 @@ class TestSize:
         usual=st.floats(FINEST, COARSEST),
         share=st.floats(0.0, 0.05),
         more=st.integers(0, 500),
+        begin=st.floats(FINEST, COARSEST),
     )
     def test_it_is_met_from_below(
-        self, scale: float, slope: float, answer: float, usual: float, share: float, more: int
+        self,
+        scale: float,
+        slope: float,
+        answer: float,
+        usual: float,
+        share: float,
+        more: int,
+        begin: float,
     ) -> None:
         candidate = MadeUp(scale=scale, slope=slope, usual_qscale=usual, share=share, more=more)
         wanted = candidate.bytes(answer)
-        stored = quantise_to_size(candidate, wanted)
+        stored = quantise_to_size(candidate, wanted, begin)
         assert stored.bytes <= wanted
         least = RATE_CONTROL.finest_usual * usual
         assert stored.bytes >= 0.97 * min(wanted, candidate.bytes(least)) - 4
@@ -100,55 +107,26 @@ class TestSize:
 
     def test_what_the_quick_choice_takes_more_is_used(self) -> None:
         candidate = MadeUp(more=4000)
-        stored = quantise_to_size(candidate, 20_000)
+        stored = quantise_to_size(candidate, 20_000, 1.0)
         assert 0.99 * 20_000 < stored.bytes <= 20_000
         assert len(candidate.exact) == 1
 
     def test_room_is_left_for_tuning(self) -> None:
-        stored = quantise_to_size(MadeUp(), 20_000)
+        stored = quantise_to_size(MadeUp(), 20_000, 1.0)
         assert stored.bytes <= (1 - RATE_CONTROL.size_room) * 20_000 + 1
 
     @pytest.mark.parametrize("added", [0.002, 0.01, 0.05])
     def test_what_tuning_adds_is_made_up_for(self, added: float) -> None:
         candidate = MadeUp(added=added, share=0.02)
-        stored = quantise_to_size(candidate, 20_000)
+        stored = quantise_to_size(candidate, 20_000, 1.0)
         assert 0.98 * 20_000 < stored.bytes <= 20_000
         assert len(candidate.trials) == 1 + (added > RATE_CONTROL.size_room)
 
     @pytest.mark.parametrize(("size", "end"), [(10**9, 0.5), (1, COARSEST)])
     def test_out_of_reach(self, size: int, end: float) -> None:
         candidate = MadeUp(share=0.02, added=0.05)
-        assert quantise_to_size(candidate, size).qscale == pytest.approx(end)
+        assert quantise_to_size(candidate, size, 1.0).qscale == pytest.approx(end)
         assert candidate.trials == [1]
-
-
-class TestNearSize:
-    """A size that others make up for is met by one guess, not far from a given qscale."""
-
-    @pytest.mark.parametrize("answer", [0.8, 1.0, 1.25])
-    def test_about_the_size(self, answer: float) -> None:
-        candidate = MadeUp()
-        wanted = candidate.bytes(answer)
-        begin = candidate.bytes(1.0)
-        stored = quantise_near_size(candidate, wanted, 1.0, 2.0)
-        assert abs(stored.bytes - wanted) <= 0.5 * abs(begin - wanted)
-        assert candidate.trials == [1]
-        assert candidate.exact == []
-
-    @pytest.mark.parametrize(("size", "qscale"), [(10**9, 0.7 / 1.5), (19_000, 0.7 * 1.5)])
-    def test_within_reach(self, size: int, qscale: float) -> None:
-        stored = quantise_near_size(MadeUp(usual_qscale=0.9), size, 0.7, 1.5)
-        assert stored.qscale == pytest.approx(qscale)
-
-    def test_far_too_much_is_never_taken(self) -> None:
-        candidate = MadeUp()
-        wanted = candidate.bytes(4.0)
-        stored = quantise_near_size(candidate, wanted, 0.8, 1.5)
-        assert stored.bytes < 1.1 * RATE_CONTROL.excess * wanted
-
-    def test_bits_that_win_nothing_are_left(self) -> None:
-        stored = quantise_near_size(MadeUp(), 10**9, 0.8, 4.0)
-        assert stored.qscale == RATE_CONTROL.finest_usual
 
 
 class TestQuality:

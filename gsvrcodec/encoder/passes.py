@@ -1,0 +1,70 @@
+"""Passes over a film: its GOPs are planned and fitted, to be kept, or only to be measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+from gsvrcodec.encoder.chain import all_tasks
+from gsvrcodec.encoder.checkpoint import Checkpoint
+from gsvrcodec.encoder.film import Section
+from gsvrcodec.encoder.lookahead import Lookahead
+from gsvrcodec.encoder.plan import Budget, plan
+from gsvrcodec.encoder.progress import Meter
+from gsvrcodec.encoder.results import EncodedGop
+from gsvrcodec.encoder.run import Runner
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.size import Taken
+from gsvrcodec.encoder.source import ChainReader
+
+
+@dataclass(frozen=True, slots=True)
+class Passes:
+    """Passes over one film."""
+
+    lookahead: Lookahead  #: of the film
+    size: tuple[int, int]  #: width and height, pixels
+    reader: Callable[[], ChainReader]  #: begins to read the film
+    runner: Runner
+    meter: Callable[[Checkpoint], Meter]  #: of a pass
+
+    def fitted(
+        self,
+        settings: EncodeSettings,
+        kept: Checkpoint,
+        began: float,
+        sizes: Taken | None = None,
+    ) -> Iterator[EncodedGop]:
+        """Keep each GOP that is missing, then yield it.
+
+        Args:
+            settings: Of the pass.
+            kept: GOPs that are finished.
+            began: `time.perf_counter()` when the time budget did.
+            sizes: That GOPs are to take; None = any.
+        """
+
+        def budgets_of(section: Section) -> list[Budget]:
+            stats, seconds = self.lookahead.stats, section.seconds
+            found = plan(section.chains, stats, self.size, settings, seconds=seconds)
+            return found if sizes is None else sizes.budgets(found)
+
+        sections, at_once = self.lookahead.sections(), self.runner.at_once()
+        tasks = all_tasks(sections, budgets_of, settings, kept, began, self.reader(), at_once)
+        with closing(self.runner.run(tasks)) as finished:
+            for done in finished:
+                kept.add(done)
+                yield done
+
+    def measured(self, settings: EncodeSettings) -> Taken:
+        """Return what the GOPs of the film take at a constant quality."""
+        assert settings.crf is not None
+        with Checkpoint(None, {}, resume=False, restart=False) as kept:
+            meter = self.meter(kept)
+            meter.report("measuring")
+            for _ in self.fitted(settings, kept, time.perf_counter()):
+                meter.report("measuring")
+            payloads = map(kept.payload, self.lookahead.gops)
+            return Taken.by(settings.crf, payloads, share=settings.predicts)

@@ -1,0 +1,242 @@
+"""A size of a file: what a first pass tells, and how chains and their GOPs keep to it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gsvrcodec
+from gsvrcodec import Progress
+from gsvrcodec.bitstream.gop_payload import pack_gop
+from gsvrcodec.bitstream.reader import GsvrReader
+from gsvrcodec.encoder.film_target import FilmSize
+from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.rate import crf_of, qscale_of
+from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.size import Rooms, Spending, Taken, first_pass
+from gsvrcodec.encoder.tuned import SIZE
+from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.tuned import RATE_CONTROL
+from tests import making
+from tests.fit.synthetic import moving_texture
+from tests.fit.test_plate import film
+from tests.gops import BITS, make_gop, make_payload
+from tests.vectors.streams import a_plate
+
+TAKEN = Taken(26.0, (60_000, 0, 0), (10_000, 20_000, 30_000))
+
+
+def with_plate(plate: bytes) -> bytes:
+    times = 40 * np.arange(3), np.full(3, 40)
+    return pack_gop(make_gop(20), *times, 0, BITS, plate=plate)
+
+
+class TestRoom:
+    SIZE = (320, 180)
+
+    @pytest.mark.parametrize(
+        ("argument", "value", "room"),
+        [
+            ("bpp", 0.2, 129_600 - 1000),
+            ("bitrate", 800_000, 200_000 - 1000),
+            ("target_size", 150_000, 150_000 - 1000 - 20_000),
+        ],
+    )
+    def test_what_is_left_for_gops(self, argument: Any, value: float, room: int) -> None:
+        """Copied streams count for the size of the file alone."""
+        size = FilmSize(argument, value)
+        left = size.room(self.SIZE, 90, 3, seconds=2.0, overhead=1000, streams=20_000)
+        assert left == room
+
+    @pytest.mark.parametrize(
+        ("argument", "value", "message"),
+        [
+            ("bpp", 1e-5, "`bpp=1e-05` leaves 0 bytes for 1 GOP of at least"),
+            ("bitrate", 5000, "`bitrate=5000` leaves 250 bytes"),
+            ("target_size", 1200, "`target_size=1200` leaves 200 bytes"),
+        ],
+    )
+    def test_too_little(self, argument: Any, value: float, message: str) -> None:
+        with pytest.raises(UsageError, match=message):
+            FilmSize(argument, value).room(self.SIZE, 30, 1, seconds=2.0, overhead=1000, streams=0)
+
+
+class TestTaken:
+    def test_plates_are_apart_and_count_once(self) -> None:
+        one, other = a_plate(64, 48), a_plate(64, 48, 1)
+        payloads = [with_plate(one), make_payload(), with_plate(one), with_plate(other)]
+        bare = len(payloads[0]) - len(one)
+        taken = Taken.by(30.0, payloads, share=True)
+        assert taken.plates == (len(one), 0, 0, len(other))
+        assert taken.others == (bare, len(payloads[1]), bare, bare)
+        assert Taken.by(30.0, payloads, share=False).plates == (len(one), 0, len(one), len(other))
+
+    def test_json(self) -> None:
+        assert Taken.from_json(TAKEN.to_json()) == TAKEN
+
+    @given(st.integers(10_000, 110_000) | st.integers(130_000, 1_000_000))
+    def test_for_a_size(self, room: int) -> None:
+        found = TAKEN.for_size(room)
+        assert crf_of(RATE_CONTROL.finest) <= found.crf <= crf_of(RATE_CONTROL.coarsest)
+        if room > 15_000:  # in reach
+            assert room - 6 <= found.total <= room
+        assert (found.crf < TAKEN.crf) == (room > TAKEN.total)
+        # Those that take more still do, and none takes less than its head.
+        assert found.plates[1:] == (0, 0)
+        assert SIZE.head_bytes <= found.others[0] <= found.others[1] <= found.others[2]
+        # All but plates loses the most.
+        more = found.others[0] / TAKEN.others[0] > found.plates[0] / TAKEN.plates[0]
+        assert more == (room > TAKEN.total)
+
+    def test_the_size_that_they_take(self) -> None:
+        assert TAKEN.for_size(TAKEN.total).crf == pytest.approx(TAKEN.crf, abs=0.01)
+        less = TAKEN.for_size(TAKEN.total, 0.9)
+        assert less.crf < TAKEN.crf - 0.1
+
+    def test_budgets(self) -> None:
+        budgets = TAKEN.budgets([Budget(5), Budget(6), Budget(7)])
+        assert [(budget.gaussians, budget.bytes, budget.plate_bytes) for budget in budgets] == (
+            [(5, 10_000, 60_000), (6, 20_000, 0), (7, 30_000, 0)]
+        )
+
+
+class TestFirstPass:
+    def passes(self, guess: float, power: float, **settings: Any) -> list[EncodeSettings]:
+        """Return the passes for the half of what a film takes at CRF 26."""
+        asked: list[EncodeSettings] = []
+
+        def measure(settings: EncodeSettings) -> Taken:
+            asked.append(settings)
+            assert settings.crf is not None
+            size = round(100_000 * qscale_of(settings.crf) ** -power)
+            return Taken(settings.crf, (0,), (size,))
+
+        found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
+        assert found.total == pytest.approx(50_000, abs=2)
+        return asked
+
+    def test_one_suffices_near_the_size(self) -> None:
+        (quick,) = self.passes(28.0, SIZE.power)
+        assert (quick.crf, quick.bpp, quick.preset) == (28.0, None, "fastest")
+
+    @pytest.mark.parametrize("guess", [20.0, 40.0])
+    def test_another_where_the_guess_was_wrong(self, guess: float) -> None:
+        first, second = self.passes(guess, 1.4)
+        assert first.crf == guess
+        assert second.crf is not None
+        assert abs(second.crf - 29.4) < 3.5
+
+    def test_it_takes_a_part_of_the_time(self) -> None:
+        (quick,) = self.passes(28.0, SIZE.power, time_budget=2.0)
+        assert quick.time_budget == 2 * SIZE.time
+        (quick,) = self.passes(28.0, SIZE.power, preset="slow")
+        assert quick.preset == "medium"
+
+
+class TestSpending:
+    def test_as_planned(self) -> None:
+        spending = Spending([100, 200, 300], 600)
+        for size in (100, 200):
+            assert not spending.is_last
+            assert spending.coarser() == 1
+            spending.add(size)
+        assert (spending.is_last, spending.left) == (True, 300)
+        assert spending.coarser() == SIZE.fuller
+
+    def test_what_costs_more_will_cost_more(self) -> None:
+        """A chain takes twice what was planned: its GOPs come to about its room all the same."""
+        spending, sizes = Spending([100] * 12, 1200), []
+        for _ in range(12):
+            sizes.append(round(200 * spending.coarser() ** -SIZE.power))
+            spending.add(sizes[-1])
+        assert sizes[0] == 200
+        assert min(sizes[2:]) > 60
+        assert sum(sizes[:11]) == pytest.approx(1100, rel=0.06)
+
+    def test_there_are_bounds(self) -> None:
+        much, little = Spending([10, 10, 10], 9000), Spending([10, 10, 10], 30)
+        little.add(900)
+        assert (much.coarser(), little.coarser()) == (1 / SIZE.reach, SIZE.reach)
+
+
+class TestRooms:
+    def test_chains_make_up_for_plates(self) -> None:
+        chains = [Budget(1, bytes=100, plate_bytes=50)], [Budget(1, bytes=300)]
+        rooms = Rooms(400)
+        assert rooms.of_chain(chains[0], 90) == 90
+        assert rooms.of_chain(chains[1], 0) == 270
+        rooms = Rooms(400)
+        assert rooms.of_chain(chains[0], 50) == 100
+        assert rooms.of_chain(chains[1], 0) == 300
+
+    def test_any_room(self) -> None:
+        assert Rooms(0).of_chain([Budget(1)], 90) is None
+
+
+def met(source: Any, size: int, **options: Any) -> gsvrcodec.EncodeResult:
+    settings = {"preset": "fastest", "workers": 1, "threads": 2, **options}
+    result = gsvrcodec.encode(source, None, target_size=size, **settings)
+    assert 0.97 * size <= result.bytes <= size
+    return result
+
+
+class TestFilms:
+    @pytest.mark.parametrize("size", [20_000, 60_000])
+    def test_a_size_is_met(self, size: int) -> None:
+        met(making.BUNNY_SMALL, size, frames=32)
+
+    def test_it_is_as_good_as_a_constant_quality(self) -> None:
+        """A locked camera has plates either way."""
+        shots = film(24)
+        shots[:, :, 130:] = moving_texture(24, (2, 1), (30, shots.shape[1]))
+        options: dict[str, Any] = {"fps": 30, "gop": 8, "preset": "fastest", "workers": 1}
+        free = gsvrcodec.encode(shots, None, crf=26, **options)
+        found = met(shots, free.bytes, **options)
+        assert found.psnr > free.psnr - 0.3
+        assert found.data is not None
+        with GsvrReader(io.BytesIO(found.data)) as reader:
+            assert reader.header.plates
+            assert {gop.reference_frame for gop in reader.gops} == {0}
+
+    def test_a_chain_gives_its_last_gop_what_is_left(self) -> None:
+        result = met(making.BUNNY_SMALL, 40_000, frames=24, gop=6)
+        *others, last = (gop.qscale or 0.0 for gop in result.gop_stats)
+        assert len(others) == 3
+        assert max(others) < 1.5 * min(others)
+        assert 0.4 < last / np.mean(others) < 2.5
+
+    def test_resumed_without_another_first_pass(self, tmp_path: Path) -> None:
+        target = tmp_path / "a.gsvr"
+        options: dict[str, Any] = {"frames": 24, "gop": 6, "keyint": 0.5, "target_size": 40_000}
+        options |= {"preset": "fastest", "workers": 1}
+        whole = gsvrcodec.encode(making.BUNNY_SMALL, None, **options).data
+        phases: list[str] = []
+
+        class Stop(Exception):
+            pass
+
+        def watch(state: Progress) -> None:
+            phases.append(state.phase)
+            if state.phase == "fitting" and state.gop == 2 and "measuring" in phases:
+                raise Stop
+
+        with pytest.raises(Stop):
+            gsvrcodec.encode(making.BUNNY_SMALL, target, progress=watch, **options)
+        assert list(dict.fromkeys(phases)) == ["analysing", "measuring", "fitting"]
+        phases.clear()
+        gsvrcodec.encode(making.BUNNY_SMALL, target, progress=watch, resume=True, **options)
+        assert "measuring" not in phases
+        assert target.read_bytes() == whole
+
+    def test_workers_do_not_matter(self) -> None:
+        options: dict[str, Any] = {"frames": 24, "gop": 6, "keyint": 0.5}
+        one, two = (
+            met(making.BUNNY_SMALL, 40_000, workers=workers, **options).data for workers in (1, 2)
+        )
+        assert one == two
