@@ -268,7 +268,7 @@ class Checkpoint:
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
         elif entry.type == _SIZE:
-            self._first_pass = Taken.from_json(_object(payload))
+            self._first_pass = Taken.from_json(_json(payload))
         elif entry.type == _PART:
             gop, content = _split(payload)
             self._entries[gop.frames] = _Kept(gop, entry, len(content))

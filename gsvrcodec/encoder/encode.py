@@ -73,10 +73,10 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
 
-    The source is read twice, frame by frame: to analyse its motion, and to fit it; some frames are
-    read once more, for plates. What can be read only once, and frames from memory, wait in a
-    temporary file. A file `dst` appears when it is whole; until then finished GOPs are kept in
-    `dst` + ".part".
+    The source is read twice, frame by frame: to analyse its motion, and to fit it; where a size is
+    to be met, once or twice more, to fit it quickly. Some frames are read once more, for plates.
+    What can be read only once, and frames from memory, wait in a temporary file. A file `dst`
+    appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
         src: what to encode, one of
@@ -95,7 +95,8 @@ def encode(
             be the same as without interruption, unless there is a time budget.
         verify: read the source once more, and compare the file with it.
         progress: called at once, about twice a second while the film is analysed and nothing else
-            can go on, when the fits begin, after each GOP, and before the file is verified.
+            can go on, when the fits begin, after each GOP, and before the file is verified; in a
+            first pass, too.
         executor: any `concurrent.futures.Executor`, such as `gsvrcodec.Cluster`, whose workers fit
             whole chains of GOPs; None = processes of this machine. It stays open. The bytes are
             the same, on the same kind of machine. `workers` is then how many chains it does at
@@ -148,13 +149,12 @@ def encode(
         meter_of = partial(
             Meter,
             lookahead,
-            began=began,
             progress=progress,
             time_base=tick,
             expected=video.expected_frames,
             pace=pace,
         )
-        meter = meter_of(checkpoint)
+        meter = meter_of(checkpoint, began)
         lookahead.waiting = partial(meter.report, "analysing")
         lookahead.waiting()
         # Analyse, ahead of the fits: where GOPs begin, and which are predicted.
@@ -176,6 +176,7 @@ def encode(
                 sizes = _sizes(chosen, chosen.target, passes, begin, extras)
                 checkpoint.keep_first_pass(sizes)
             made = chosen.at_quality(sizes.crf)
+            meter = meter_of(checkpoint, time.perf_counter())
 
         # Plan each section, and fit: chains side by side, the GOPs of each one after another.
         check = partial(_check, video, meter, checkpoint, chosen.threads)

@@ -28,7 +28,7 @@ class Passes:
     size: tuple[int, int]  #: width and height, pixels
     reader: Callable[[], ChainReader]  #: begins to read the film
     runner: Runner
-    meter: Callable[[Checkpoint], Meter]  #: of a pass
+    meter: Callable[[Checkpoint, float], Meter]  #: of a pass, by its GOPs and when it began
 
     def fitted(
         self,
@@ -62,9 +62,11 @@ class Passes:
         """Return what the GOPs of the film take at a constant quality."""
         assert settings.crf is not None
         with Checkpoint(None, {}, resume=False, restart=False) as kept:
-            meter = self.meter(kept)
+            began = time.perf_counter()
+            meter = self.meter(kept, began)
+            meter.workers = self.runner.at_once
             meter.report("measuring")
-            for _ in self.fitted(settings, kept, time.perf_counter()):
+            for _ in self.fitted(settings, kept, began):
                 meter.report("measuring")
             payloads = map(kept.payload, self.lookahead.gops)
             return Taken.by(settings.crf, payloads, share=settings.predicts)

@@ -53,9 +53,12 @@ class Taken:
         return cls(crf, tuple(plates), tuple(others))
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Self:
-        """Return what `to_json` was of."""
-        return cls(float(data["crf"]), tuple(data["plates"]), tuple(data["others"]))
+    def from_json(cls, value: Any) -> Self | None:
+        """Return what `to_json` was of; None if the JSON has another shape."""
+        match value:
+            case {"crf": float(crf), "plates": list(plates), "others": list(others)}:
+                return cls(crf, tuple(plates), tuple(others))
+        return None
 
     def to_json(self) -> dict[str, Any]:
         """Return it as a JSON object."""

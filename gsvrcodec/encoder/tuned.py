@@ -95,7 +95,7 @@ class _Chain:
 class _Size:
     """Meeting a size of a file."""
 
-    time: float = 0.25  #: time of a first pass / time budget
+    time: float = 0.2  #: time of a first pass / time budget
     passes: int = 2  #: most first passes
     near: float = 2.5  #: CRF by which the last of them may differ from what it finds
     effort: float = 0.92  #: bytes of GOPs without plates / those of a first pass of less effort

@@ -302,6 +302,12 @@ class TestProgress:
         (line,) = capsys.readouterr().err.splitlines()
         assert line == "analysing  0/96 frames  ETA about 1:01"
 
+    def test_a_first_pass(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with EncodeDisplay() as display:
+            display(Progress(2, 6, 48, 132, 36.208, 0.2, None, phase="measuring"))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line == "GOP 2/6  48/132 frames of a first pass  36.21 dB  0.20 s/frame"
+
     def test_fits_a_terminal(self) -> None:
         parts = ["1/3 chains, 2 workers", "GOP 12/34", "123/456 frames", "38.21 dB", "ETA 1:02:03"]
         assert fitted(parts, 120) == ("  ".join(parts), 24)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,9 @@ class TestTaken:
         assert Taken.by(30.0, payloads, share=False).plates == (len(one), 0, len(one), len(other))
 
     def test_json(self) -> None:
-        assert Taken.from_json(TAKEN.to_json()) == TAKEN
+        written = json.dumps(TAKEN.to_json())
+        assert Taken.from_json(json.loads(written)) == TAKEN
+        assert Taken.from_json({"crf": 26.0}) is None
 
     @given(st.integers(10_000, 110_000) | st.integers(130_000, 1_000_000))
     def test_for_a_size(self, room: int) -> None:
