@@ -52,7 +52,7 @@ class _Rate:
     error: float = 0.05
     fall: float = 0.77
     detail_share: float = 0.06
-    taken: float = 0.47  #: bits that a constant quality takes / bits by this, in the mean
+    taken: float = 0.42  #: bits that a constant quality takes / bits by this, in the mean
     number_bits: float = 5.0  #: file / stored numbers, bits
     usual_psnr: float = 36.0  #: dB, where nothing tells the size
     least_gop_bytes: int = 1500  #: payload of a GOP that is hardly more than its tables
