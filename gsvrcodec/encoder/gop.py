@@ -24,7 +24,7 @@ from gsvrcodec.fit.plate import shows
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.target import Size
-from gsvrcodec.fit.tuned import EFFORT, PLATE
+from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
 from gsvrcodec.model.quantise import Precision, of_carried
@@ -103,6 +103,7 @@ class _Fitter:
             backend,
             seed=job.seed,
             slope=budget.slope,
+            least_kept=0.0 if budget.predicted else PREDICTION.kept,
         )
         if fit is not None:
             self.backend = backend

@@ -40,6 +40,7 @@ class Budget:
     #: bytes that the payload may take, and those of a plate beside them; 0 = any
     bytes: int = 0
     plate_bytes: int = 0
+    predicted: bool = False  #: whether it was worth being predicted in a first pass
 
     @property
     def slope(self) -> Slope | None:

@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import coded_plate
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import crf_of, qscale_of
@@ -32,6 +33,7 @@ class Taken:
     crf: float
     plates: tuple[int, ...]  #: bytes of plates in each GOP; none of those that an earlier one has
     others: tuple[int, ...]  #: bytes of all else in each GOP
+    predicted: tuple[bool, ...]  #: whether each GOP is
 
     @classmethod
     def by(cls, crf: float, payloads: Iterable[bytes], *, share: bool) -> Self:
@@ -42,22 +44,28 @@ class Taken:
             payloads: Of all GOPs of the film, in order.
             share: Whether a GOP may have the plate of an earlier one.
         """
-        plates, others = [], []
+        plates, others, predicted = [], [], []
         before: bytes | None = None
         for payload in payloads:
             plate = coded_plate(payload)
             size = 0 if plate is None else len(plate)
             plates.append(0 if share and plate == before else size)
             others.append(len(payload) - size)
+            predicted.append(parse_gop_head(payload).reference > 0)
             before = before if plate is None else plate
-        return cls(crf, tuple(plates), tuple(others))
+        return cls(crf, tuple(plates), tuple(others), tuple(predicted))
 
     @classmethod
     def from_json(cls, value: Any) -> Self | None:
         """Return what `to_json` was of; None if the JSON has another shape."""
         match value:
-            case {"crf": float(crf), "plates": list(plates), "others": list(others)}:
-                return cls(crf, tuple(plates), tuple(others))
+            case {
+                "crf": float(crf),
+                "plates": list(plates),
+                "others": list(others),
+                "predicted": list(predicted),
+            }:
+                return cls(crf, tuple(plates), tuple(others), tuple(predicted))
         return None
 
     def to_json(self) -> dict[str, Any]:
@@ -83,7 +91,7 @@ class Taken:
         plates *= (qscale_of(crf) / qscale_of(self.crf)) ** -SIZE.plate_power
         left = room - heads.sum() - plates.sum()
         others = heads + others * (max(0.0, left) / max(others.sum(), 1.0))
-        return type(self)(crf, *(tuple(map(int, sizes)) for sizes in (plates, others)))
+        return type(self)(crf, tuple(map(int, plates)), tuple(map(int, others)), self.predicted)
 
     @property
     def total(self) -> int:
@@ -91,10 +99,11 @@ class Taken:
         return sum(self.plates) + sum(self.others)
 
     def budgets(self, planned: Sequence[Budget]) -> list[Budget]:
-        """Return budgets of all GOPs, with the bytes that these take."""
+        """Return budgets of all GOPs, with the bytes of these, and predicted as these are."""
+        taken = zip(planned, self.others, self.plates, self.predicted, strict=True)
         return [
-            replace(budget, bytes=others, plate_bytes=plates)
-            for budget, others, plates in zip(planned, self.others, self.plates, strict=True)
+            replace(budget, bytes=others, plate_bytes=plates, predicted=predicted)
+            for budget, others, plates, predicted in taken
         ]
 
 

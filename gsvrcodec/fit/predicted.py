@@ -51,6 +51,7 @@ def fit_predicted(
     *,
     seed: tuple[int, ...],
     slope: Slope | None = None,
+    least_kept: float = PREDICTION.kept,
 ) -> Fit | None:
     """Fit the Gaussians of a reference to the frames that follow it.
 
@@ -70,6 +71,7 @@ def fit_predicted(
         backend: the renderer.
         seed: of every random choice.
         slope: that the number of Gaussians which change follows; None = their number stays.
+        least_kept: with a slope, share of the Gaussians that have to stay as they are.
 
     Returns:
         The fit; None if the frames cannot be predicted from the reference.
@@ -86,7 +88,7 @@ def fit_predicted(
     where = over_time.moving(worth_of_motion)
     still = to_be_static(look, where | over_time.changed(reference.source, worth_of_motion))
     worth[still & (worth < PREDICTION.still_worth * least)] = 0
-    if slope is not None and (worth < least).mean() < PREDICTION.kept:
+    if slope is not None and (worth < least).mean() < least_kept:
         return None
     stays = worth < _least_worth(worth, least, allowance.gaussians)
     extra = gaussians - len(there)

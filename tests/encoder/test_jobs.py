@@ -190,18 +190,13 @@ class TestPredicted:
         self, key: tuple[GopJob, EncodedGop]
     ) -> None:
         """It begins with as many Gaussians as were planned for one."""
-        budget = Budget(150, Slope(3.0, 400), grid=(4, 3, 4))
-        stands, moves = (
-            encode_gop(following(key, frames, budget))
-            for frames in (self.STANDS, 255 - self.GOES_ON)
-        )
-        assert parse_gop_head(stands.payload).reference == 4
-        assert (
-            moves.payload
-            == encode_gop(
-                replace(following(key, 255 - self.GOES_ON, budget), reference=None)
-            ).payload
-        )
+        budget = Budget(150, Slope(0.3, 400), grid=(4, 3, 4))
+        job = following(key, self.GOES_ON, budget)
+        assert encode_gop(job).payload == encode_gop(replace(job, reference=None)).payload
+        coarse = replace(budget, target=Slope(10.0, 400))
+        for other in (coarse, replace(budget, predicted=True)):  # as it was in a first pass
+            done = encode_gop(following(key, self.GOES_ON, other))
+            assert parse_gop_head(done.payload).reference == 4
 
     def test_bytes_that_win_nothing_are_left(self, key: tuple[GopJob, EncodedGop]) -> None:
         size = int(4 * len(key[1].payload))

@@ -27,10 +27,10 @@ from gsvrcodec.fit.tuned import RATE_CONTROL
 from tests import making
 from tests.fit.synthetic import moving_texture
 from tests.fit.test_plate import film
-from tests.gops import BITS, make_gop, make_payload
+from tests.gops import BITS, make_chain, make_gop, make_payload
 from tests.vectors.streams import a_plate
 
-TAKEN = Taken(26.0, (60_000, 0, 0), (10_000, 20_000, 30_000))
+TAKEN = Taken(26.0, (60_000, 0, 0), (10_000, 20_000, 30_000), (False, True, True))
 
 
 def with_plate(plate: bytes) -> bytes:
@@ -77,6 +77,8 @@ class TestTaken:
         assert taken.plates == (len(one), 0, 0, len(other))
         assert taken.others == (bare, len(payloads[1]), bare, bare)
         assert Taken.by(30.0, payloads, share=False).plates == (len(one), 0, len(one), len(other))
+        assert taken.predicted == (False,) * 4
+        assert Taken.by(30.0, make_chain((3, 2)), share=True).predicted == (False, True)
 
     def test_json(self) -> None:
         written = json.dumps(TAKEN.to_json())
@@ -104,9 +106,11 @@ class TestTaken:
 
     def test_budgets(self) -> None:
         budgets = TAKEN.budgets([Budget(5), Budget(6), Budget(7)])
-        assert [(budget.gaussians, budget.bytes, budget.plate_bytes) for budget in budgets] == (
-            [(5, 10_000, 60_000), (6, 20_000, 0), (7, 30_000, 0)]
-        )
+        assert budgets == [
+            Budget(5, bytes=10_000, plate_bytes=60_000),
+            Budget(6, bytes=20_000, predicted=True),
+            Budget(7, bytes=30_000, predicted=True),
+        ]
 
 
 class TestFirstPass:
@@ -118,7 +122,7 @@ class TestFirstPass:
             asked.append(settings)
             assert settings.crf is not None
             size = round(100_000 * qscale_of(settings.crf) ** -power)
-            return Taken(settings.crf, (0,), (size,))
+            return Taken(settings.crf, (0,), (size,), (False,))
 
         found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
         assert found.total == pytest.approx(50_000, abs=2)
