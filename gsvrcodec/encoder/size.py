@@ -118,10 +118,12 @@ def first_pass(
         room: Bytes of all GOPs.
         measure: Encodes the film at a constant quality.
     """
-    if settings.time_budget is None:
-        quick = replace(settings, preset=_QUICKER[settings.preset])
-    else:
+    if settings.time_budget is not None:
+        # Its number of Gaussians follows the time: it says more of shares than of the whole.
         quick = replace(settings, time_budget=SIZE.time * settings.time_budget)
+        found = measure(quick.at_quality(crf)).for_size(room)
+        return replace(found, crf=min(max(found.crf, crf - SIZE.near), crf + SIZE.near))
+    quick = replace(settings, preset=_QUICKER[settings.preset])
     share = 1.0 if quick == settings else SIZE.effort
     for _ in range(SIZE.passes):
         wanted = measure(quick.at_quality(crf)).for_size(room, share)

@@ -114,6 +114,8 @@ class TestTaken:
 
 
 class TestFirstPass:
+    found: Taken
+
     def passes(self, guess: float, power: float, **settings: Any) -> list[EncodeSettings]:
         """Return the passes for the half of what a film takes at CRF 26."""
         asked: list[EncodeSettings] = []
@@ -124,8 +126,8 @@ class TestFirstPass:
             size = round(100_000 * qscale_of(settings.crf) ** -power)
             return Taken(settings.crf, (0,), (size,), (False,))
 
-        found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
-        assert found.total == pytest.approx(50_000, abs=2)
+        self.found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
+        assert self.found.total == pytest.approx(50_000, abs=2)
         return asked
 
     def test_one_suffices_near_the_size(self) -> None:
@@ -142,6 +144,9 @@ class TestFirstPass:
     def test_it_takes_a_part_of_the_time(self) -> None:
         (quick,) = self.passes(28.0, SIZE.power, time_budget=2.0)
         assert quick.time_budget == 2 * SIZE.time
+        for guess, power in (20.0, 0.2), (40.0, 2.0):  # it is not believed all the way
+            (quick,) = self.passes(guess, power, time_budget=2.0)
+            assert abs(self.found.crf - guess) == pytest.approx(SIZE.near)
         (quick,) = self.passes(28.0, SIZE.power, preset="slow")
         assert quick.preset == "medium"
 
