@@ -132,12 +132,12 @@ class _State:
 
     def budget(self, planned: Budget) -> Budget:
         """Return a GOP's budget, by what is left."""
-        count = planned.gaussians if self.reference is None else len(self.reference.gop)
         match planned.target:
             case Slope() as slope:
                 return self._spent(planned, slope)
             case Quality() if self.reference is not None:
                 aim = sum(RATE_CONTROL.spare) / 2
+                count = len(self.reference.gop)
                 octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave
                 return replace(planned, gaussians=max(1, round(count * 2**octaves)))
         return planned

@@ -232,9 +232,12 @@ class EncodeSettings:
     @property
     def shares_out(self) -> bool:
         """Whether bits, numbers or time are shared out over the whole film."""
-        target = self.target
-        shared = target.gaussians is None if isinstance(target, Numbers) else False
-        return self.time_budget is not None or shared or isinstance(target, FilmSize)
+        if self.time_budget is not None:
+            return True
+        match self.target:
+            case FilmSize() | Numbers(gaussians=None):
+                return True
+        return False
 
     @property
     def frame_visits(self) -> float:
