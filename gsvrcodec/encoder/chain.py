@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, islice, repeat
 from itertools import chain as joined
-from itertools import islice, repeat
 
 from gsvrcodec.bitstream.gop_payload import coded_plate, unpack_gop, unpack_plate
 from gsvrcodec.encoder.checkpoint import Checkpoint
@@ -16,7 +16,7 @@ from gsvrcodec.encoder.film import Chain, Section
 from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.job import GopJob, Reference
 from gsvrcodec.encoder.plan import Budget
-from gsvrcodec.encoder.plates import chain_plates
+from gsvrcodec.encoder.plates import Ground, grounds
 from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
@@ -204,22 +204,22 @@ def encode_chain(task: ChainTask, threads: int) -> list[EncodedGop]:
             f"a worker has other sources of gsvrcodec ({sources()}) than the process that encodes "
             f"({task.sources}): install the same version on both"
         )
-    return list(one_by_one(task.jobs(), encode_gop, threads))
+    return list(one_by_one(task.jobs(), encode_gop, lambda: threads))
 
 
 def one_by_one(
-    chain: ChainJobs, encode: Callable[[GopJob], EncodedGop], threads: int
+    chain: ChainJobs, encode: Callable[[GopJob], EncodedGop], threads: Callable[[], int]
 ) -> Iterator[EncodedGop]:
     """Encode the GOPs of a chain, one after another.
 
     Args:
         chain: its jobs; `threads` of their execution is replaced.
         encode: does one.
-        threads: native threads.
+        threads: native threads for the next one.
     """
     job = next(chain, None)
     while job is not None:
-        done = encode(replace(job, execution=replace(job.execution, threads=threads)))
+        done = encode(replace(job, execution=replace(job.execution, threads=threads())))
         job = None  # its frames are not needed any more
         yield done
         with suppress(StopIteration):
@@ -227,10 +227,15 @@ def one_by_one(
 
 
 def starts(lengths: Sequence[int], workers: int) -> tuple[list[int], int]:
-    """Return when the fit of each GOP starts and when the last one ends, if time goes by frames."""
+    """Return when each task starts and when the last one ends, if time goes by frames.
+
+    Args:
+        lengths: frames of each; 0 = it is none.
+        workers: how many tasks are done at the same time.
+    """
     free = [0] * workers
     out = []
-    for length in lengths:
+    for length in filter(None, lengths):
         out.append(free[0])
         heapq.heapreplace(free, free[0] + length)
     return out, max(free)
@@ -289,25 +294,45 @@ def _tasks(
     workers: int,
 ) -> Iterator[ChainTask]:
     """Yield the tasks of a section."""
-    missing = [missing_frames(chain, checkpoint) for chain in chains]
-    turns, end = starts([count for count in missing if count], workers)
-    turn_of = dict(zip((n for n, count in enumerate(missing) if count), turns, strict=True))
-    waiting = iter(budgets)
-    by_chain = [list(islice(waiting, len(chain))) for chain in chains]
-    plates: Iterator[bytes | None] = repeat(None)
-    if any(missing) and settings.plates:
-        slopes = [own[0].slope for own in by_chain]
-        plates = chain_plates(chains, slopes, reader.ahead.read, share=settings.predicts)
+
+    def missing(parts: Iterable[Chain]) -> list[int]:
+        return [missing_frames(part, checkpoint) for part in parts]
+
+    begun: list[int] = []  # frames of each task so far
+    to_do = missing(chains)
+    turns, end = starts(to_do, workers)
+    looks = settings.plates and any(to_do)
     rooms, before = Rooms(sum(budget.bytes for budget in budgets)), None
-    for number, (chain, own, plate) in enumerate(zip(chains, by_chain, plates, strict=False)):
-        room = rooms.of_chain(own, 0 if plate is None or plate is before else len(plate))
-        before = plate
-        if not missing[number]:
-            continue
-        seconds = None
-        if settings.time_budget is not None:
-            # A share of the time left, in proportion to its frames and the frames that wait for it.
-            left = settings.time_budget * sum(missing) - (time.perf_counter() - began)
-            seconds = max(0.0, left) * missing[number] / (end - turn_of[number])
-        done = [checkpoint.result(gop) for gop in chain[: finished_gops(chain, checkpoint)]]
-        yield ChainTask(reader.read(chain, len(done)), own, settings, done, seconds, plate, room)
+    waiting = iter(budgets)
+    found = _grounds(chains, budgets, settings, reader) if looks else repeat(Ground())
+    for number, (chain, ground) in enumerate(zip(chains, found, strict=False), 1):
+        parts = ground.parts(chain) if settings.structure.parted else [chain]
+        if len(parts) > 1:
+            turns, end = starts([*begun, *missing(parts), *to_do[number:]], workers)
+        for part, frames in zip(parts, missing(parts), strict=True):
+            own, plate = list(islice(waiting, len(part))), ground.plate
+            room = rooms.of_chain(own, 0 if plate is None or plate is before else len(plate))
+            before = plate
+            if not frames:
+                continue
+            seconds = None
+            if settings.time_budget is not None:
+                # A share of the time left, in proportion to its frames and those that wait for it.
+                left = settings.time_budget * sum(to_do) - (time.perf_counter() - began)
+                seconds = max(0.0, left) * frames / (end - turns[len(begun)])
+            begun.append(frames)
+            done = [checkpoint.result(gop) for gop in part[: finished_gops(part, checkpoint)]]
+            read = reader.read(part, len(done))
+            yield ChainTask(read, own, settings, done, seconds, plate, room)
+
+
+def _grounds(
+    chains: Sequence[Chain],
+    budgets: Sequence[Budget],
+    settings: EncodeSettings,
+    reader: ChainReader,
+) -> Iterator[Ground]:
+    """Yield what stands still in each chain of a section."""
+    heads = accumulate(map(len, chains[:-1]), initial=0)
+    slopes = [budgets[head].slope for head in heads]
+    return grounds(chains, slopes, reader.ahead.read, share=settings.predicts)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gsvrcodec.encoder.film_target import FilmTarget
 from gsvrcodec.encoder.rate import bit_weights
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN, GOP_LENGTH, RATE
+from gsvrcodec.fit.tuned import PREDICTION
 
 if TYPE_CHECKING:
     from gsvrcodec.encoder.analysis import FrameStats
@@ -31,6 +32,7 @@ class Structure:
     gop_min: int  #: shortest adaptive GOP between cuts, frames
     gop_max: int | None  #: longest adaptive GOP, frames; None = by the bits
     keyint: float  #: longest time from one key GOP to the next, seconds; 0 = all are key GOPs
+    parted: bool = False  #: GOPs of which too little lasts are chains of their own
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,7 @@ def slice_gops(
     alone: GopLimits,
     chained: ChainLimits | None = None,
     pays: Callable[[Chain, float], bool] = lambda chain, apart: True,
+    lasts: Callable[[range], bool] = lambda gop: True,
 ) -> list[Chain]:
     """Frames of each GOP, by chain; no chain spans a cut.
 
@@ -76,7 +79,8 @@ def slice_gops(
     shortest unless the span is.
 
     A shot is cut into as few chains as keep their longest, all of about the same length. Adaptive
-    key GOPs take the place of chains that do not pay.
+    key GOPs take the place of chains that do not pay. A GOP in which too little of the picture
+    lasts begins a chain of its own.
 
     Args:
         stats: statistics of every frame.
@@ -84,6 +88,7 @@ def slice_gops(
         alone: of key GOPs from which none is predicted.
         chained: of chains; None = every GOP is a key GOP.
         pays: whether an adaptive chain is better than so many key GOPs, a fraction included.
+        lasts: whether enough of the picture is in a GOP as it was, so that it may be predicted.
     """
     cuts = [number for number, frame in enumerate(stats) if frame.cut or not number]
     shots = [range(begin, end) for begin, end in pairwise([*cuts, len(stats)])]
@@ -102,10 +107,22 @@ def slice_gops(
         for worth_it, same in groupby(_evenly(shot, chained.longest), chain_pays):
             spans = list(same)
             if worth_it:
-                chains += [_cut(span, stats, gop, chained.gops) for span in spans]
+                for span in spans:
+                    chains += _where_it_lasts(_cut(span, stats, gop, chained.gops), lasts)
             else:
                 whole = range(spans[0].start, spans[-1].stop)
                 chains += [[one] for one in _cut(whole, stats, gop, bounded)]
+    return chains
+
+
+def _where_it_lasts(gops: Chain, lasts: Callable[[range], bool]) -> list[Chain]:
+    """Cut a chain where too little of the picture lasts."""
+    chains = [gops[:1]]
+    for gop in gops[1:]:
+        if lasts(gop):
+            chains[-1].append(gop)
+        else:
+            chains.append([gop])
     return chains
 
 
@@ -198,7 +215,18 @@ def divided(
         fast = fmean(pace(frame, chained.gops) for frame in frames) > CHAIN.fast
         return fast or sum(bit_weights(chain, stats, psnr)) < CHAIN.worth * apart
 
-    return slice_gops(stats, structure.gop, alone, chained, pays)
+    def lasts(gop: range) -> bool:
+        """Whether as many Gaussians may be kept as a predicted GOP has to keep."""
+        if not structure.parted:
+            return True
+        since, changed = 0.0, 0.0  # the GOP before: of this frame, of all frames so far
+        for frame in stats[gop.start : gop.stop]:
+            if frame.fast > ANALYSIS.rest:
+                since = frame.changed_at(psnr)
+            changed += since / len(gop)
+        return 1 - changed >= PREDICTION.kept
+
+    return slice_gops(stats, structure.gop, alone, chained, pays, lasts)
 
 
 def limits(

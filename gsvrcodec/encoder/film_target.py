@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsvrcodec.encoder.rate import bpp_at, bpp_for, complexity, crf_of, qscale_at, qscale_of
 from gsvrcodec.encoder.tuned import RATE, SIZE
@@ -25,6 +25,8 @@ class FilmTarget(ABC):
     """What a file is to take or to reach."""
 
     __slots__ = ()
+
+    taken: ClassVar[float] = 1.0  #: bits that GOPs take / bits that `bpp` returns, in the mean
 
     @abstractmethod
     def bpp(self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float) -> float:
@@ -74,6 +76,8 @@ class Numbers(FilmTarget):
 @dataclass(frozen=True, slots=True)
 class ConstantQuality(FilmTarget):
     """The same quality for the eye, by the qscale of all GOPs."""
+
+    taken = RATE.taken
 
     crf: float  #: 0 to 51
 
@@ -129,7 +133,7 @@ class FilmSize:
         """Return the constant quality that may come to the size; arguments as of `bpp`."""
         total = 8 * max(1.0, self.bytes(size, len(stats), seconds, 0))
         bpp = total / (len(stats) * size[0] * size[1])
-        return ConstantQuality(crf_of(qscale_at(stats, bpp / RATE.taken)))
+        return ConstantQuality(crf_of(qscale_at(stats, bpp / ConstantQuality.taken)))
 
     def room(
         self,

@@ -23,6 +23,7 @@ from gsvrcodec.fit.parameters import LOOK
 from gsvrcodec.fit.plate import shows
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
+from gsvrcodec.fit.start import affordable
 from gsvrcodec.fit.target import Size
 from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION
 from gsvrcodec.model.gop import Float32Array, Gop
@@ -135,7 +136,8 @@ class _Fitter:
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         beside = len(self.plate or b"") if coded is job.plate else 0
         budget = job.budget.beside_plate(replace(slope, lasting=1.0), beside)
-        budget = replace(budget, gaussians=count)
+        grid = affordable(job.grid, math.ceil(PLATE.left * count), job.settings.blending)
+        budget = replace(budget, gaussians=count, grid=grid)
         self.job = replace(job, budget=budget)
 
     def _key(self, gaussians: int, share: float) -> Fit:

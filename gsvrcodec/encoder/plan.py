@@ -170,8 +170,9 @@ def plan(
         most = most_gaussians(size)
         fitted = round(min(most, _most_gaussians(chain, weights, settings)))
         gaussians = max(1, min(round(of_key / _gaussian_bits(chain)), fitted))
+        expected = math.ceil(target.taken * gaussians)
         for number, gop in enumerate(chain):
-            grid = _grid(len(gop), gaussians, size, settings, predicted=number > 0)
+            grid = _grid(len(gop), expected, size, settings, predicted=number > 0)
             cost = 1.0
             if number:
                 changing = min(1.0, weights[number])

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain as joined
-from itertools import repeat
 from typing import Self
 
 from gsvrcodec.bitstream.gop_head import GopEntry
@@ -14,9 +13,9 @@ from gsvrcodec.bitstream.gop_payload import coded_plate, on_plate_of
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.fit.footage import Frames, some_frames
-from gsvrcodec.fit.plate import Run, Still, pays, quality_at, still_in
+from gsvrcodec.fit.plate import Run, Still, pays, quality_at, stays, still_in
 from gsvrcodec.fit.target import Slope, bit_worth
-from gsvrcodec.fit.tuned import PLATE
+from gsvrcodec.fit.tuned import PLATE, PREDICTION
 from gsvrcodec.planes import avif
 
 #: Reads frames by their numbers, (K, H, W, 3) RGB.
@@ -35,14 +34,26 @@ def gop_plate(frames: Frames, slope: Slope) -> bytes | None:
     return None if plate is None else plate.coded()
 
 
-def chain_plates(
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What stands still in a chain."""
+
+    plate: bytes | None = None  #: coded; None = it has none
+    stays: bool = True  #: whether most of what is before the plate stays, too
+
+    def parts(self, chain: Chain) -> list[Chain]:
+        """Cut a chain where no GOP would be predicted from the one before."""
+        return [chain] if self.stays else [[gop] for gop in chain]
+
+
+def grounds(
     chains: Sequence[Chain],
     slopes: Sequence[Slope | None],
     read: Read,
     *,
     share: bool,
-) -> Iterator[bytes | None]:
-    """Yield the coded plate of each chain of a section; None = it has none.
+) -> Iterator[Ground]:
+    """Yield what stands still in each chain of a section.
 
     Chains have the same one as long as it loses less by showing one more than another is worth.
     Frames are read ahead as far as it holds.
@@ -51,7 +62,7 @@ def chain_plates(
         chains: Frames of the GOPs of each.
         slopes: That their key GOPs aim at; None = they aim at something else.
         read: Reads frames by their numbers, each later than those before.
-        share: Whether chains may have the same one.
+        share: Whether chains may have the same plate.
     """
 
     def look(chain: Chain, slope: Slope | None) -> _Seen | None:
@@ -60,13 +71,15 @@ def chain_plates(
     seen = joined(map(look, chains, slopes), (None,))
     number, now = 0, next(seen)
     while number < len(chains):
-        first, plate = number, None if now is None else _Plate.of(now, lasts=True)
+        plate = None if now is None else _Plate.of(now, lasts=True)
+        stay = [now is None or plate is None or now.stays]
         number, now = number + 1, next(seen)
         while share and plate is not None and now is not None and plate.takes(now):
+            stay.append(now.stays)
             number, now = number + 1, next(seen)
         coded = None if plate is None else plate.coded()
         del plate  # it is large
-        yield from repeat(coded, number - first)
+        yield from (Ground(coded, one) for one in stay)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +90,7 @@ class _Seen:
     frames: int  #: of the chain
     shown: float  #: of these, frames in which a place is not hidden, in the mean
     bit: float  #: what a bit has to save, squared 8-bit codes, sum of all frames
+    stays: bool  #: whether most of what moves stays from one GOP to the next
 
     @classmethod
     def of(cls, chain: Chain, slope: Slope, read: Read) -> Self | None:
@@ -85,8 +99,12 @@ class _Seen:
         if len(frames) < PLATE.least_frames:
             return None
         some = some_frames(len(frames), PLATE.frames)
-        still = still_in(read([frames[n] for n in some]))
-        return cls(still, len(frames), slope.lasting * len(chain[0]), bit_worth(slope.qscale))
+        pictures = read([frames[n] for n in some])
+        still = still_in(pictures)
+        shown, bit = slope.lasting * len(chain[0]), bit_worth(slope.qscale)
+        return cls(
+            still, len(frames), shown, bit, stays(pictures, still.picture) >= PREDICTION.kept
+        )
 
 
 class _Plate:

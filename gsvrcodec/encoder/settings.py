@@ -214,10 +214,11 @@ class EncodeSettings:
         """Which GOPs the file has.
 
         How many numbers a predicted GOP stores is known only when it is fitted, so that `params`
-        excludes them.
+        excludes them. The GOPs of a chain make up for each other where a size is to be met.
         """
         predicts = self.profile == "main" and self.params is None
-        return Structure(self.gop, self.gop_min, self.gop_max, self.keyint * predicts)
+        keyint, parted = self.keyint * predicts, self.quality is not None
+        return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted)
 
     @property
     def execution(self) -> Execution:

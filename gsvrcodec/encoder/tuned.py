@@ -19,6 +19,7 @@ class _Analysis:
     changed_px: int = 9  #: box size of the squared difference, px of the analysed frame
     visible: float = 2.0  #: squared difference / error of the quality from which it counts in full
     qualities: tuple[float, ...] = (28.0, 32.0, 36.0, 40.0, 44.0)  #: that it is told for, dB
+    rest: float = 0.1  #: motion of the fastest of a frame that is as the one before, at most, px
     threshold: float = 24.0  #: accumulated motion at which a GOP ends, px of the analysed frame
     #: a cut changes the picture at once, by all three
     cut_correlation: float = 0.75  #: correlation of the histograms of two frames, below

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Self
 
 import cv2
@@ -37,6 +37,21 @@ def shows(frames: Frames, plate: Picture) -> bool:
     own = frames[some_frames(len(frames), PLATE.frames)]
     seen = np.sum([~differs(frame, plate) for frame in own], axis=0)
     return _share(plate, seen >= PLATE.usual * len(own)) >= PLATE.kept
+
+
+def stays(pictures: Frames, plate: Picture) -> float:
+    """Return the share of what is before a plate that stays from one picture to the next.
+
+    Args:
+        pictures: (K, H, W, 3).
+        plate: (H, W, 3).
+    """
+    before = same = PLATE.repairs * (len(pictures) - 1)
+    for last, picture in pairwise(pictures):
+        other = differs(picture, plate)
+        before += _share(picture, other)
+        same += _share(picture, other & ~differs(picture, last))
+    return same / before if before else 1.0
 
 
 def _share(picture: Picture, where: NDArray[np.bool_]) -> float:

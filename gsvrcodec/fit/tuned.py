@@ -63,12 +63,15 @@ class _Plate:
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
     still: float = 0.75  #: share of the detail of the picture that stands still, in what lasts
     mostly: float = 0.6  #: the same, in a chain of which other parts do not
+    #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
+    kept: float = 0.2
     least_bits: float = 1.0  #: bits a pixel below which Gaussians do better, but for what lasts
     #: the same for what lasts: a plate may not expand to more than the format allows
     empty_bits: float = 0.01
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
-    #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
-    kept: float = 0.2
+    left: float = 0.15  #: of these, that it ends with
+    #: of Gaussians that repair the plate, which stay, / detail of the picture
+    repairs: float = 0.01
     #: error that comes by showing one chain more / worth of the bits of another plate, at most
     aged: float = 0.6
     #: bits that Gaussians take where a plate does not show what is there / bits of the plate there

@@ -180,16 +180,18 @@ class TestReadHere:
     ("settings", "count"),
     [
         ({"workers": 2}, 2),
-        ({"workers": 9}, 3),
+        ({"workers": 9}, 4),
+        ({"workers": 9, "plates": False}, 3),
         ({"device": "cuda:0"}, 1),
         ({"device": "cuda:0", "workers": 2}, 2),
         ({"device": "cpu", "preset": "fastest"}, 1),
-        ({"device": "cpu", "time_budget": 1e4}, 3),
+        ({"device": "cpu", "time_budget": 1e4}, 4),
     ],
 )
 def test_processes(
     settings: dict[str, Any], count: int, film: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """As many as chains; as GOPs, where a plate may part them."""
     monkeypatch.setattr("gsvrcodec.encoder.run.local._available_bytes", lambda: 2**40)
     assert processes_of(film, **settings) == (count, 4)
 

@@ -10,6 +10,7 @@ from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.plan import Budget, grid_parameters, most_gaussians, plan
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
+from gsvrcodec.encoder.tuned import RATE
 from gsvrcodec.fit.target import Quality
 from tests.encoder.chains import chains_of, of_rate
 
@@ -78,15 +79,15 @@ class TestChains:
 def test_a_grid_has_a_share_of_the_numbers() -> None:
     stats = [FrameStats(0.4, False, 9.0, 300.0)] * 20
     numbers, grids = [], []
-    for bpp in (0.01, 0.04, 0.1, 2.0):
+    for bpp in (0.01, 0.08, 0.2, 4.0):
         settings = EncodeSettings(**of_rate(stats, bpp=bpp))
         budget = plan([[range(20)]], stats, (640, 360), settings, seconds=1.0)[0]
         assert budget.grid is not None
         grids.append(budget.grid)
-        numbers.append(grid_parameters(budget.grid, "mean") / budget.gaussians)
+        numbers.append(grid_parameters(budget.grid, "mean") / (RATE.taken * budget.gaussians))
     assert grids[0] == (4, 4, 20)  # no fewer
     assert grids[-1] == (32, 18, 20)  # no more
-    # 0.04 of 14 numbers of a Gaussian, but for cells that are whole
+    # 0.04 of 14 numbers of a Gaussian that is expected, but for cells that are whole
     assert numbers[1:3] == pytest.approx([0.56] * 2, rel=0.12)
 
 

@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.encoder.encode import Progress
-from gsvrcodec.encoder.plates import chain_plates
+from gsvrcodec.encoder.plates import grounds
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.errors import UnsupportedError
 from gsvrcodec.fit.target import Slope
@@ -90,6 +90,35 @@ def test_later_chains_have_that_of_the_first() -> None:
             assert np.array_equal(decoder[number].data, in_order[number])
 
 
+class TestGroundOfMotion:
+    """Whether GOPs before a plate are predicted from each other."""
+
+    def parts(self, frames: Frames) -> list[int]:
+        """Return the number of GOPs of each part of a chain."""
+        chain = [range(n, n + 8) for n in range(0, len(frames), 8)]
+        slope = Slope(qscale_of(26), most=10**6)
+        (ground,) = grounds([chain], [slope], lambda n: frames[list(n)], share=True)
+        assert ground.plate is not None
+        return [len(part) for part in ground.parts(chain)]
+
+    def test_where_it_moves_on_each_is_a_chain(self) -> None:
+        assert self.parts(film(48)) == [1] * 6
+
+    def test_where_it_stays_for_long_they_are_one(self) -> None:
+        came = np.concatenate([film(48)[:4], np.repeat(film(48)[4:5], 44, axis=0)])
+        assert self.parts(came) == [6]
+
+    def test_what_repairs_the_plate_stays(self) -> None:
+        assert self.parts(film(48, box=1)) == [6]
+
+    def test_its_gops_are_fitted_side_by_side(self) -> None:
+        """With the bytes of one after another."""
+        together = encoded(film(48), workers=3)
+        assert together == encoded(film(48))
+        with GsvrReader(io.BytesIO(together)) as reader:
+            assert {gop.reference_frame for gop in reader.gops} == {0}
+
+
 class TestChainPlates:
     """Which chains have which plate; each chain has 12 frames."""
 
@@ -111,8 +140,8 @@ class TestChainPlates:
         last = len(frames)
         gops = [[range(n, n + 4), range(n + 4, min(n + 12, last))] for n in range(0, last, 12)]
         slopes = slopes or [self.SLOPE] * len(gops)
-        for plate in chain_plates(gops, slopes, some, share=share):
-            plates.append(plate)
+        for ground in grounds(gops, slopes, some, share=share):
+            plates.append(ground.plate)
             reads.append(read)
         return plates, reads
 
@@ -173,21 +202,21 @@ def test_a_gop_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         looked.append(len(frames))
 
     monkeypatch.setattr("gsvrcodec.encoder.gop.gop_plate", look)
-    wide = texture(width=240)
-    moving = np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(16)])
-    encoded(moving, keyint=0)
+    turned = np.vstack([texture(1)[:58], texture()[58:]])
+    changing = np.stack([texture()] * 12 + [turned] * 12)
+    encoded(changing, keyint=0)
     assert looked == []
-    encoded(moving)
+    encoded(changing)
     assert looked
     assert set(looked) == {8}
 
 
 def test_a_camera_that_was_pushed_has_another() -> None:
     """From one chain to the next, the ground moves on by some pixels."""
-    pushed = FILM.copy()
-    pushed[8:] = np.roll(FILM[8:], 5, axis=2)
-    with GsvrReader(io.BytesIO(chained(pushed))) as reader:
-        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 8, 8, 8, 8]
+    pushed = film(36)
+    pushed[12:] = np.roll(pushed[12:], 5, axis=2)
+    with GsvrReader(io.BytesIO(chained(pushed, gop=6, keyint=12 / 30))) as reader:
+        assert [gop.reference_frame for gop in reader.gops] == [0, 0, 12, 12, 12, 12]
 
 
 def test_chains_that_share_one_are_the_same_however_they_are_made(tmp_path: Path) -> None:

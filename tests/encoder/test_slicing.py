@@ -176,3 +176,19 @@ class TestChains:
         assert max(len(gop) for chain in short for gop in chain) <= 9
         fixed = slice_gops(stats, 10, alone, chained, lambda chain, count: False)
         assert [len(chain) for chain in fixed] == [2] * 4
+
+    @given(gop=st.integers(1, 9) | st.just("adaptive"), last=st.lists(st.booleans(), min_size=60))
+    def test_a_gop_begins_one_where_too_little_lasts(
+        self, gop: int | Literal["adaptive"], last: list[bool]
+    ) -> None:
+        stats, limits = [FrameStats(1.0, not number) for number in range(60)], GopLimits(4, 8)
+        within = ChainLimits(30, limits)
+        whole = slice_gops(stats, gop, limits, within)
+        found = slice_gops(stats, gop, limits, within, lasts=lambda gop: last[gop.start])
+        assert [gop for chain in found for gop in chain] == [
+            gop for chain in whole for gop in chain
+        ]
+        heads = {chain[0] for chain in found}
+        assert heads >= {chain[0] for chain in whole}
+        for chain in whole:
+            assert all((own in heads) != last[own.start] for own in chain[1:])

@@ -8,8 +8,10 @@ import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import ChainLimits, GopLimits, divided, limits
+from gsvrcodec.encoder.film_target import ConstantQuality
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
+from gsvrcodec.fit.tuned import PREDICTION
 from tests.encoder.chains import of_film, of_rate
 
 STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
@@ -111,9 +113,32 @@ class TestStructure:
     def test_slow_motion_all_over_has_long_key_gops(self) -> None:
         assert self.lengths(0.2, 1.0, bpp=0.1) == [[24]] * 4
 
-    def test_fast_motion_has_short_predicted_gops(self) -> None:
-        (chain,) = self.lengths(2.0, 1.0, bpp=0.1)
+    def test_fast_motion_has_short_gops(self) -> None:
+        (chain,) = self.lengths(2.0, 1.0, target_psnr=36.0)
         assert max(chain) < 10
+
+    @pytest.mark.parametrize("settings", [{"crf": 26}, {"crf": 26, "gop": 8}])
+    def test_none_is_predicted_where_too_little_lasts(self, settings: dict[str, Any]) -> None:
+        """Those of a size stay together, for they make up for each other."""
+        lasting, changing = (1 - PREDICTION.kept + more for more in (-0.01, 0.01))
+        (chain,) = self.lengths(2.0, lasting, fast=1.0, **settings)
+        apart = self.lengths(2.0, changing, fast=1.0, **settings)
+        assert [[length] for length in chain] == apart
+        assert max(chain) < 10
+        structure = EncodeSettings(bpp=0.1).structure
+        assert not structure.parted
+        frame = FrameStats(2.0, False, 5.0, 300.0, (changing,) * 5, 1.0)
+        guess = ConstantQuality(26)
+        assert len(divided([frame] * 96, SIZE, structure, guess, seconds=4.0)) == 1
+
+    def test_what_rests_after_a_change_lasts(self) -> None:
+        """As a page does that is scrolled now and then: most is new, but since the GOP before."""
+        moves = FrameStats(9.0, False, 500.0, 900.0, (0.8,) * 5, 12.0)
+        rests = FrameStats(0.0, False, 0.1, 900.0, (0.8,) * 5, 0.01)
+        structure, frames = EncodeSettings(gop=8).structure, [rests] * 24
+        frames[8:10] = [moves] * 2
+        chains = divided(frames, SIZE, structure, ConstantQuality(26), seconds=1.0)
+        assert [len(chain) for chain in chains] == [1, 2]
 
     def test_so_has_what_is_fast_before_a_still_picture(self) -> None:
         assert self.lengths(0.2, 0.3, bpp=0.05) == [[32]] * 3
@@ -124,7 +149,7 @@ class TestStructure:
         assert self.lengths(0.0, 0.1, bpp=0.001) == [[96]]
 
     def test_a_fixed_length_is_predicted_whatever_it_costs(self) -> None:
-        assert self.lengths(0.2, 1.0, gop=40) == [[40, 40, 16]]
+        assert self.lengths(0.2, 0.3, bpp=0.05, gop=32) == [[32, 32, 32]]
 
     def test_without_prediction(self) -> None:
         for changed in (0.1, 1.0):

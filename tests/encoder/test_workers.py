@@ -10,11 +10,13 @@ from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
 
 from gsvrcodec.encoder.chain import starts
+from gsvrcodec.encoder.gop import encode_gop
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.results import EncodedGop
@@ -117,6 +119,48 @@ def test_no_more_chains_are_taken_than_workers_are_free() -> None:
     assert finished == 5
 
 
+class Recorder:
+    """In place of a process: notes the threads of each job."""
+
+    def __init__(self) -> None:
+        self.result = encode_gop(gop_job(0))
+        self.threads: dict[int, int] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def __call__(self, job: GopJob) -> EncodedGop:
+        self.threads[job.first_frame // FRAMES] = job.execution.threads
+        return self.result
+
+
+def test_the_last_chain_has_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder, alone = Recorder(), threading.Event()
+    monkeypatch.setattr("gsvrcodec.encoder.run.local._Worker", lambda: recorder)
+
+    def short() -> Generator[GopJob, EncodedGop, None]:
+        yield gop_job(0)
+
+    def long() -> Generator[GopJob, EncodedGop, None]:
+        yield gop_job(1)
+        assert alone.wait(10)
+        yield gop_job(2)
+
+    def both() -> Iterator[Generator[GopJob, EncodedGop, None]]:
+        yield long()
+        yield short()
+
+    fitted = fit_gops(both(), 2, 5)
+    assert len([next(fitted), next(fitted)]) == 2
+    threading.Timer(0.3, alone.set).start()
+    assert len(list(fitted)) == 1
+    assert sorted([recorder.threads[0], recorder.threads[1]]) == [2, 3]
+    assert recorder.threads[2] == 5
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_chain_without_jobs_is_no_matter(workers: int) -> None:
     found = list(fit_gops(iter([chain(), chain(gop_job(3)), chain()]), workers, 2))
@@ -178,7 +222,7 @@ def test_processes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gsvrcodec.encoder.run.local._available_bytes", lambda: 16 * 10**9)
-    found = processes(wanted, 4, chains=many, gop_bytes=gop_bytes, seconds=seconds)
+    found = processes(wanted, 4, tasks=many, gop_bytes=gop_bytes, seconds=seconds)
     assert found == (count, 4)
 
 

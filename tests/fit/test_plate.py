@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.plate import Run, Still, differs, most_usual, pays, quality_at, shows, still_in
+from gsvrcodec.fit.plate import (
+    Run,
+    Still,
+    differs,
+    most_usual,
+    pays,
+    quality_at,
+    shows,
+    stays,
+    still_in,
+)
 from gsvrcodec.limits import Limits
 from gsvrcodec.model.plate import Plate
 from gsvrcodec.planes import avif
@@ -81,6 +91,21 @@ def curtain(share: float, count: int = 9) -> Frames:
     for n in range(count):
         frames[n, :top] = texture(n + 1)[:top]
     return frames
+
+
+@pytest.mark.parametrize(
+    ("pictures", "least", "most"),
+    [
+        (curtain(0.7), 0.0, 0.1),
+        (film(9, box=1), 0.9, 1.0),
+        (np.repeat(film()[3:4], 9, axis=0), 1.0, 1.0),
+        (np.repeat(curtain(0.7, 5), 2, axis=0), 0.5, 0.65),
+        (film()[:1], 1.0, 1.0),
+    ],
+)
+def test_what_is_before_a_plate_stays_or_not(pictures: Frames, least: float, most: float) -> None:
+    """Others each time, next to nothing, a box that rests, the same for two frames, one frame."""
+    assert least <= stays(pictures, texture()) <= most
 
 
 @pytest.mark.parametrize("share", [0.9, 0.68, 0.3])

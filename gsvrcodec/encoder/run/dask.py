@@ -64,7 +64,7 @@ def encoded(data: bytes, threads: int) -> list[EncodedGop] | Exception:
     done: list[EncodedGop] = []
     try:
         task: ChainTask = pickle.loads(data)
-        for gop in one_by_one(task.jobs(), encode_gop, threads):
+        for gop in one_by_one(task.jobs(), encode_gop, lambda: threads):
             done.append(gop)
             known = worker.state.tasks.get(key)
             if known is None or known.state != "executing":

@@ -60,15 +60,20 @@ class Processes:
         def seconds(chains: Sequence[Chain]) -> float:
             return pace * sum(missing_frames(chain, checkpoint) for chain in chains)
 
+        def tasks(chains: Sequence[Chain]) -> int:
+            """Most that can be done at the same time: all GOPs, where they may have a plate."""
+            parted = settings.plates and settings.structure.parted
+            return sum(len(chain) if parted else 1 for chain in missing(chains))
+
         def enough(chains: Sequence[Chain]) -> bool:
-            return seconds(chains) > PROCESSES.least_seconds and len(missing(chains)) >= most
+            return seconds(chains) > PROCESSES.least_seconds and tasks(chains) >= most
 
         known = missing(lookahead.until(enough))
         longest = max((len(gop) for chain in known for gop in chain), default=0)
         workers, threads = processes(
             wanted,
             execution.threads,
-            chains=len(known),
+            tasks=tasks(known),
             gop_bytes=3 * pixels * longest,
             seconds=seconds(known),
         )
@@ -95,8 +100,8 @@ def fit_gops(
 ) -> Generator[EncodedGop, None, None]:
     """Encode GOPs and yield each as soon as it is done; the bytes do not depend on `workers`.
 
-    A chain is taken when a worker is free, so that at most `workers` chains are in memory. Closing
-    the generator kills the processes.
+    A chain is taken when a worker is free, so that at most `workers` chains are in memory. The
+    last ones share all threads. Closing the generator kills the processes.
 
     Args:
         chains: jobs, each of which may need the result of the one before; `threads` of their
@@ -110,20 +115,24 @@ def fit_gops(
     """
     if workers == 1:
         for chain in chains:
-            yield from one_by_one(chain, encode_gop, threads)
+            yield from one_by_one(chain, encode_gop, lambda: threads)
         return
     with ExitStack() as stack:
         # Unwound from below: workers die first, which ends the threads that wait for them.
         pool = stack.enter_context(ThreadPoolExecutor(workers))
         idle: queue.SimpleQueue[tuple[_Worker, int]] = queue.SimpleQueue()
         for number in range(workers):
-            share = threads // workers + (number < threads % workers)
-            idle.put((stack.enter_context(_Worker()), max(1, share)))
+            idle.put((stack.enter_context(_Worker()), number))
 
         finished: queue.SimpleQueue[EncodedGop | BaseException | None] = queue.SimpleQueue()
+        sharing = workers  # chains that share the threads
 
         def fit(chain: ChainJobs) -> None:
-            worker, share = idle.get()
+            worker, number = idle.get()
+
+            def share() -> int:
+                return max(1, threads // sharing + (number % sharing < threads % sharing))
+
             try:
                 for done in one_by_one(chain, worker, share):
                     finished.put(done)
@@ -131,7 +140,7 @@ def fit_gops(
             except BaseException as error:
                 finished.put(error)
             finally:
-                idle.put((worker, share))
+                idle.put((worker, number))
 
         running = 0
         for chain in chains:
@@ -140,6 +149,7 @@ def fit_gops(
             while running == workers:
                 running -= yield from _next(finished)
         while running:
+            sharing = running
             running -= yield from _next(finished)
 
 
@@ -157,7 +167,7 @@ def _next(
 
 
 def processes(
-    wanted: int, threads: int, *, chains: int, gop_bytes: int, seconds: float
+    wanted: int, threads: int, *, tasks: int, gop_bytes: int, seconds: float
 ) -> tuple[int, int]:
     """Return the number of processes, and of the native threads of all of them together.
 
@@ -167,7 +177,7 @@ def processes(
     Args:
         wanted: processes; 0 = by time and memory.
         threads: native threads; 0 = GSVR_THREADS or all cores.
-        chains: chains still to be encoded, the most processes that have work.
+        tasks: still to be done at the same time, the most processes that have work.
         gop_bytes: bytes of the frames of the largest GOP.
         seconds: expected time of a single process for all GOPs.
     """
@@ -176,7 +186,7 @@ def processes(
         wanted = threads if seconds > PROCESSES.least_seconds else 1
         each = PROCESSES.process_bytes + PROCESSES.fit_bytes * gop_bytes
         wanted = min(wanted, _available_bytes() // each)
-    return max(1, min(wanted, chains)), threads
+    return max(1, min(wanted, tasks)), threads
 
 
 def _available_bytes() -> int:
