@@ -307,10 +307,11 @@ def _tasks(
     found = _grounds(chains, budgets, settings, reader) if looks else repeat(Ground())
     for number, (chain, ground) in enumerate(zip(chains, found, strict=False), 1):
         parts = ground.parts(chain) if settings.structure.parted else [chain]
+        lengths, plate = missing(parts), ground.plate
         if len(parts) > 1:
-            turns, end = starts([*begun, *missing(parts), *to_do[number:]], workers)
-        for part, frames in zip(parts, missing(parts), strict=True):
-            own, plate = list(islice(waiting, len(part))), ground.plate
+            turns, end = starts([*begun, *lengths, *to_do[number:]], workers)
+        for part, frames in zip(parts, lengths, strict=True):
+            own = list(islice(waiting, len(part)))
             room = rooms.of_chain(own, 0 if plate is None or plate is before else len(plate))
             before = plate
             if not frames:
