@@ -90,7 +90,7 @@ class _Seen:
     frames: int  #: of the chain
     shown: float  #: of these, frames in which a place is not hidden, in the mean
     bit: float  #: what a bit has to save, squared 8-bit codes, sum of all frames
-    stays: bool  #: whether most of what moves stays from one GOP to the next
+    stays: bool  #: whether most of what moves stays from one GOP to the next, as far as it matters
 
     @classmethod
     def of(cls, chain: Chain, slope: Slope, read: Read) -> Self | None:
@@ -102,9 +102,9 @@ class _Seen:
         pictures = read([frames[n] for n in some])
         still = still_in(pictures)
         shown, bit = slope.lasting * len(chain[0]), bit_worth(slope.qscale)
-        return cls(
-            still, len(frames), shown, bit, stays(pictures, still.picture) >= PREDICTION.kept
-        )
+        several = len(chain) > 1 and still.share >= PLATE.kept
+        lasts = not several or stays(pictures, still.picture) >= PREDICTION.kept
+        return cls(still, len(frames), shown, bit, lasts)
 
 
 class _Plate:

@@ -48,9 +48,9 @@ def stays(pictures: Frames, plate: Picture) -> float:
     """
     before = same = PLATE.repairs * (len(pictures) - 1)
     for last, picture in pairwise(pictures):
-        other = differs(picture, plate)
-        before += _share(picture, other)
-        same += _share(picture, other & ~differs(picture, last))
+        other = density(picture[None]) * differs(picture, plate)
+        before += float(other.sum())
+        same += float((other * ~differs(picture, last)).sum())
     return same / before if before else 1.0
 
 
