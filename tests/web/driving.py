@@ -30,7 +30,8 @@ def until(found: Callable[[], Any], seconds: float = 60) -> Any:
 
 def moment(page: Any) -> Moment:
     """Return the moment that is drawn; (-1, -1, 0, 0) = nothing is drawn."""
-    text = page.evaluate("document.getElementById('picture').dataset.moment ?? '-1 -1 0 0'")
+    # A page that is just being opened may have no picture yet.
+    text = page.evaluate("document.getElementById('picture')?.dataset.moment ?? '-1 -1 0 0'")
     index, frame, tau, weight = text.split()
     return int(index), int(frame), float(tau), float(weight)
 
