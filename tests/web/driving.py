@@ -100,6 +100,8 @@ def at_rest(page: Any) -> NDArray[np.uint8]:
             }"""
         )
     )
-    page.wait_for_timeout(300)
-    shot = imagecodecs.png_decode(page.locator("#picture").screenshot())
-    return np.asarray(shot)[:, :, :3]
+    earlier, shot = b"", page.locator("#picture").screenshot()
+    while shot != earlier:  # a busy machine draws late
+        page.wait_for_timeout(300)
+        earlier, shot = shot, page.locator("#picture").screenshot()
+    return np.asarray(imagecodecs.png_decode(shot))[:, :, :3]
