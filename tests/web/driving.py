@@ -100,8 +100,12 @@ def at_rest(page: Any) -> NDArray[np.uint8]:
             }"""
         )
     )
-    earlier, shot = b"", page.locator("#picture").screenshot()
-    while shot != earlier:  # a busy machine draws late
+    shots = [b""]
+
+    def rests() -> bool:  # a busy machine draws late
         page.wait_for_timeout(300)
-        earlier, shot = shot, page.locator("#picture").screenshot()
-    return np.asarray(imagecodecs.png_decode(shot))[:, :, :3]
+        shots.append(page.locator("#picture").screenshot())
+        return shots[-1] == shots[-2]
+
+    until(rests)
+    return np.asarray(imagecodecs.png_decode(shots[-1]))[:, :, :3]
