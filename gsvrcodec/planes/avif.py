@@ -12,6 +12,8 @@ from gsvrcodec.errors import CorruptError
 
 #: `color_range` of a frame of full range.
 _FULL_RANGE = 2
+#: The pixel format, told to FFmpeg when it opens a plate: else it decodes a picture to find it.
+_EXPECTED = {"pixel_format": "yuv444p"}
 #: How AV1 is coded: for a small squared error, where libavif's choice is for looks alone. One
 #: thread gives other bytes than two, more give the same as two.
 _OPTIONS: dict[str, Any] = {
@@ -56,7 +58,7 @@ def decode(data: bytes, size: tuple[int, int] | None) -> NDArray[np.uint8]:
 
     limit = {} if size is None else {"max_pixels": str(size[0] * size[1])}
     try:
-        with av.open(io.BytesIO(data), "r", format="mov", options=limit) as file:
+        with av.open(io.BytesIO(data), "r", format="mov", options=_EXPECTED | limit) as file:
             stream = file.streams.video[0]
             codec = stream.codec_context.codec.canonical_name
             if codec != "av1":
