@@ -16,8 +16,7 @@ from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.fit.tuned import PREDICTION, RELOCATION, SLOPE
 from gsvrcodec.model.gop import Float32Array, Gop
-from gsvrcodec.model.plate import PLATE_WEIGHT
-from gsvrcodec.model.reconstruction import GROUND
+from gsvrcodec.model.reconstruction import GROUND, PLATE_WEIGHT
 from gsvrcodec.render.backend import Size
 
 

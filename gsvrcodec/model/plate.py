@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array
-
-#: What each pixel of a plate weighs; a Gaussian of opacity 1 weighs about as much in its centre.
-PLATE_WEIGHT = 1.0
+from gsvrcodec.model.reconstruction import PLATE_WEIGHT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,19 +50,22 @@ class Plate:
         out[..., :3] *= _resampled(rows.swapaxes(0, 1), width).swapaxes(0, 1)
         return out
 
-    def held(
-        self, size: tuple[int, int], place: Hashable, hold: Callable[[Float32Array], Any]
-    ) -> Any:
-        """Return the sums of a frame as a backend holds them; those of the last size are kept.
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the coded frame, pixels."""
+        return self.ycc.shape[2], self.ycc.shape[1]
+
+    def held(self, size: tuple[int, int], place: Hashable, hold: Callable[[], Any]) -> Any:
+        """Return the plate as a backend holds it behind a frame; that of the last size is kept.
 
         Args:
             size: Width and height of the frame, pixels.
-            place: Where the backend has them.
-            hold: Brings them there.
+            place: Where the backend has it.
+            hold: Brings it there.
         """
         last = self._held.get(place)
         if last is None or last[0] != size:
-            last = self._held[place] = size, hold(self.sums(size))
+            last = self._held[place] = size, hold()
         return last[1]
 
 

@@ -19,6 +19,8 @@ DILATION = 0.1
 CUTOFF = 1 / 64
 #: Weight of the black ground behind all Gaussians, where a picture is a mean.
 GROUND = 1 / 1024
+#: What each pixel of a plate weighs; a Gaussian of opacity 1 weighs about as much in its centre.
+PLATE_WEIGHT = 1.0
 #: Greatest magnitude of the logarithm of an opacity, at any time.
 MOST_LOG_OPACITY = 12.0
 #: Variance of the filter against aliasing, squared pixels of a frame smaller than the coded one.

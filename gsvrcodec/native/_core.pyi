@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, overload
 
 # A C-contiguous float32 array on the CPU, NumPy or torch; images may be uint8 instead.
 Array = Any
@@ -42,12 +42,16 @@ class Parameters:
 # means GSVR_THREADS or all cores.
 
 class Backdrop:
-    """Sums (H, W, 4) float32 that are added to those of frames of this size; a copy.
+    """What lies behind frames of this size; a copy.
 
-    For the instruction set that is in use when it is made.
+    Either sums (H, W, 4) float32 that are added to theirs, or the codes of a plate, (3, H, W)
+    uint8. For the instruction set that is in use when it is made.
     """
 
+    @overload
     def __init__(self, sums: Array) -> None: ...
+    @overload
+    def __init__(self, ycc: Array) -> None: ...
 
 def render_rgb8(
     parameters: Parameters,

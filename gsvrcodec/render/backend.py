@@ -85,9 +85,15 @@ class Backend(ABC):
 
     def behind(self, size: Size, backdrop: Samples | None = None) -> Samples | None:
         """Return a backdrop, which has the plate in it; None = that of the plate at a size."""
-        if backdrop is not None or self.plate is None:
+        plate = self.plate
+        if backdrop is not None or plate is None:
             return backdrop
-        return self.plate.held(size, (type(self), self.device), self.upload)
+        place = type(self), self.device
+        return plate.held(size, place, lambda: self.upload_plate(plate, size))
+
+    def upload_plate(self, plate: Plate, size: Size) -> Samples:
+        """Return a backdrop that has a plate alone."""
+        return self.upload(plate.sums(size))
 
     @abstractmethod
     def prepare(self, gop: Gop) -> Prepared:

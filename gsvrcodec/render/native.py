@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Float32Array, Gop, parameters_of
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.native import _core
 from gsvrcodec.render.backend import (
@@ -136,6 +137,11 @@ class NativeBackend(Backend):
     def upload(self, samples: NDArray[Any]) -> Samples:
         """Return what the core takes: sums, (H, W, 4), as a backdrop."""
         return _core.Backdrop(samples) if samples.shape[-1] == 4 else samples
+
+    def upload_plate(self, plate: Plate, size: Size) -> Samples:
+        """Return what the core takes: at the coded size its codes."""
+        coded = plate.size == size
+        return _core.Backdrop(ycc=plate.ycc) if coded else super().upload_plate(plate, size)
 
     def hold(self, values: NDArray[Any]) -> Tensor:
         """Return the numbers."""

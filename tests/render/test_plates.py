@@ -49,6 +49,23 @@ def test_pictures(backends: Backends, size: tuple[int, int], static: int) -> Non
     assert np.abs(backend.picture(backend.prepare(gop), TAU, size, SIZE) - picture).max() <= 1e-4
 
 
+@pytest.mark.parametrize("size", [(37, 21), (40, 64), (7, 1), (97, 130)])
+@pytest.mark.parametrize("count", [0, 60])
+def test_at_the_coded_size(backends: Backends, size: tuple[int, int], count: int) -> None:
+    """Whatever its width and height; with no Gaussians it is what is shown."""
+    width, height = size
+    codes = np.random.default_rng(2).integers(0, 256, (3, height, width), np.uint8)
+    behind, gop = Plate(codes), examples.random_gop(count)
+    backend, reference = backends("mean").over(behind), ReferenceBackend().over(behind)
+    taus = np.array([-1, 0, TAU], np.float32)
+    wanted = reference.render(reference.prepare(gop), taus, size, size)
+    found = backend.render(backend.prepare(gop), taus, size, size)
+    assert np.abs(found.astype(int) - wanted).max() <= 1
+    if not count:
+        # The ground takes a 1025th of the light.
+        assert np.abs(found - behind.shown().astype(int)).max() <= 1
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_gradients(backends: Backends, size: tuple[int, int]) -> None:
     gop = examples.random_gop(40)

@@ -10,12 +10,6 @@
 namespace gsvr {
 namespace {
 
-// What a frame is drawn over: a picture that is as that of static splats.
-StaticPyramid drawn(const Backdrop *backdrop, const GopArrays &gop) {
-    if (!backdrop) return {};
-    return {backdrop->picture(), 1, blocks(gop), 0};
-}
-
 // How the samples of a picture lie in memory: in planes, of which each has so many for a pixel.
 struct Layout {
     int planes, channels;
@@ -41,7 +35,7 @@ void render(const Scene &scene, const float *taus, int frames, int threads,
                                 call.size.width * call.size.height;
     const BorrowedWorkspace common;
     FrameRenderer::reserve(call, threads, *common);
-    StaticPyramid static_pyramid = drawn(backdrop, scene.gop);
+    StaticPyramid static_pyramid = StaticPyramid::in_front_of(backdrop);
     // A cell without dynamic splats is the same in all frames: the first that needs it draws it,
     // and others copy it. By cell of level 0, the number of a frame that has it, from 1; 0 = none.
     const bool copies = frames > 1 && call.separate_static;
@@ -133,18 +127,29 @@ void pixel_errors(const float *sums, const std::uint8_t *target, std::size_t pix
 Backdrop::Backdrop(const float *sums, Size size) : size_(size), lanes_(kernels().lanes) {
     const GopArrays none{};
     const RenderCall call(none, size, size, true, false);
-    const std::size_t floats = call.levels[0].floats();
-    float *picture = picture_.reserve(floats);
-    std::fill_n(picture, floats, 0.0f);
+    const PyramidLevel &own = call.levels[0];
+    float *picture = sums_.reserve(own.floats());
+    pixels_ = {picture, 0, own.bands() * own.band_rows, Pixels::kAllStrips};
+    std::fill_n(picture, own.floats(), 0.0f);
     const int rows = std::max(lanes_ / kStripWidth, 1);  // of a vector
-    const std::size_t strip =
-        static_cast<std::size_t>(call.levels[0].bands()) * call.levels[0].band_rows * kRowFloats;
     for (int y = 0; y < size.height; ++y)
         for (int x = 0; x < size.width; ++x, sums += kSums) {
-            float *p = picture + x / kStripWidth * strip + y / rows * rows * kRowFloats +
-                       y % rows * kStripWidth + x % kStripWidth;
+            float *p = picture + pixels_.strip_offset(x / kStripWidth) +
+                       y / rows * rows * kRowFloats + y % rows * kStripWidth + x % kStripWidth;
             for (int c = 0; c < kSums; ++c) p[c * rows * kStripWidth] = sums[c];
         }
+}
+
+Backdrop::Backdrop(const std::uint8_t *ycc, Size size) : size_(size), lanes_(kernels().lanes) {
+    const auto whole = [](int n, int of) {
+        return static_cast<std::ptrdiff_t>((n + of - 1) / of * of);
+    };
+    const std::ptrdiff_t line = whole(size.width, kStripWidth), rows = whole(size.height, 2);
+    plate_ = {codes_.reserve(3 * rows * line), line, rows * line};
+    std::fill_n(codes_.get(), 3 * rows * line, std::uint8_t{0});
+    for (int plane = 0; plane < 3; ++plane)
+        for (int y = 0; y < size.height; ++y, ycc += size.width)
+            std::copy_n(ycc, size.width, codes_.get() + plane * plate_.plane + y * line);
 }
 
 void backward_float(const Scene &scene, float tau, int threads, const float *weights,
@@ -152,7 +157,7 @@ void backward_float(const Scene &scene, float tau, int threads, const float *wei
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
-    const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
+    const FrameRenderer renderer(call, tau, threads, *space, StaticPyramid::in_front_of(backdrop));
     // The gradient of a sum does not depend on the picture.
     const auto all = [](Tile) { return true; };
     renderer.backward(call.mean, gradient, all, [&](int, Tile tile, const Pixels &pixels) {
@@ -165,7 +170,7 @@ double squared_error(const Scene &scene, float tau, int threads, const std::uint
     const RenderCall call(scene.gop, scene.size, scene.coded, scene.mean, false);
     const BorrowedWorkspace space;
     FrameRenderer::reserve(call, threads, *space);
-    const FrameRenderer renderer(call, tau, threads, *space, drawn(backdrop, scene.gop));
+    const FrameRenderer renderer(call, tau, threads, *space, StaticPyramid::in_front_of(backdrop));
     const int columns = (call.size.width + kTileColumns - 1) / kTileColumns;
     const auto weight = [&](Tile tile) {
         const int row = tile.rows.begin / kTileRows, column = tile.columns.begin / kTileColumns;

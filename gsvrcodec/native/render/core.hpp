@@ -12,21 +12,29 @@ struct Size {
     int width, height;
 };
 
-// Sums that are added to those of frames, which lie in memory as the frames' own do.
+// What lies behind a frame: sums that are added to its own, or a plate, whose codes take less
+// memory than its sums, and less time to be read again and again.
 class Backdrop {
    public:
     // `sums` is (height, width, 4).
     Backdrop(const float *sums, Size);
+    // `ycc` is (3, height, width).
+    Backdrop(const std::uint8_t *ycc, Size);
     Size size() const { return size_; }
-    // Of level 0, for `Pixels`.
-    const float *picture() const { return picture_.get(); }
+    // For tiles of level 0.
+    Base base() const {
+        return {sums_.get() ? &pixels_ : nullptr, codes_.get() ? &plate_ : nullptr};
+    }
     // Floats of a vector of the kernels that it was made for.
     int lanes() const { return lanes_; }
 
    private:
     const Size size_;
     const int lanes_;
-    Buffer<float> picture_;
+    Buffer<float> sums_;  // as those of frames lie in memory
+    Buffer<std::uint8_t> codes_;
+    Pixels pixels_{};
+    PlateCodes plate_{};
 };
 
 // What pictures are made of and how: a GOP; the size to render at; the size in whose pixels the

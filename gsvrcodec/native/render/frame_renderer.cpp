@@ -64,6 +64,19 @@ void add_line(const float *line, const PyramidLevel &level, int row, int lanes,
                   i] += line[(strip * kSums + c) * kStripWidth + i];
 }
 
+// Calls body(rows, columns) for the box of each splat of a layer.
+template <class Body>
+void for_boxes(const SplatLayer &layer, Body body) {
+    for (int block = layer.begin; block < layer.end; ++block) {
+        const Splats &s = layer.splats[block];
+        for (int l = 0; l < kBlock; ++l) {
+            const Range rows{s.row_begin[l], s.row_end[l]}, columns{s.x_begin[l], s.x_end[l]};
+            if (s.layer[l] == layer.index && rows.begin < rows.end && columns.begin < columns.end)
+                body(rows, columns);
+        }
+    }
+}
+
 // Floats of the pictures of the levels [first, end).
 std::size_t picture_floats(const RenderCall &call, int first = 1, int end = kLevels) {
     std::size_t floats = 0;
@@ -151,7 +164,7 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
     });
     for (int layer = 0; layer < kLayers; ++layer) {
         const BlockBox *boxes = space.boxes.get() + static_cast<std::size_t>(layer) * blocks(gop);
-        int begin = 0, end = static_pyramid.levels == kLevels && layer >= kLevels ? 0 : count;
+        int begin = 0, end = static_pyramid.pictures && layer >= kLevels ? 0 : count;
         while (begin < end && boxes[begin].empty()) ++begin;
         while (begin < end && boxes[end - 1].empty()) --end;
         const int level = layer % kLevels;
@@ -162,22 +175,34 @@ FrameRenderer::FrameRenderer(const RenderCall &call, float tau, int threads, Wor
 }
 
 StaticPyramid FrameRenderer::draw_static_pyramid() const {
-    StaticPyramid drawn{nullptr, 0, blocks(call_.gop), 0};
+    const Cells cells(call_, nullptr);
+    std::uint8_t *marks = space_.static_cells.reserve(Cells::count(call_, 1));
+    std::fill_n(marks, Cells::count(call_, 1), std::uint8_t{0});
+    for_boxes(layers_[kLevels],
+              [&](Range rows, Range columns) { cells.mark(0, rows, columns, marks); });
+    float *pictures = space_.static_pictures.reserve(picture_floats(call_, 0));
+    StaticPyramid drawn{static_pyramid_.base, pictures, marks, blocks(call_.gop), 0};
     const auto is_static = [&](int block) {
         const auto &layer = space_.splats.get()[block].layer;
         return std::all_of(layer, layer + kBlock, [](int of) { return of >= kLevels; });
     };
     while (drawn.dynamic_blocks && is_static(drawn.dynamic_blocks - 1)) --drawn.dynamic_blocks;
-    float *pictures = space_.static_pictures.reserve(picture_floats(call_, 0));
     for (int level = 0; level < kLevels; ++level) {
-        if (!layers_[kLevels + level].empty()) drawn.coarsest = level;
+        const SplatLayer &splats = layers_[kLevels + level];
+        if (!splats.empty()) drawn.coarsest = level;
         const PyramidLevel &own = call_.levels[level];
         const Pixels pixels = level_pixels(pictures, 0, level);
-        parallel_for(own.bands(), threads_,
-                     [&](int index, int) { set_static_tile(level, own.band(index), pixels); });
+        const auto draw = [&](Tile run, bool is_wanted) {
+            if (!is_wanted) return;
+            set_tile(level, run, level ? Base{} : static_pyramid_.base, pixels);
+            call_.kernels.rasterise(splats, run, pixels);
+        };
+        parallel_for(own.bands(), threads_, [&](int index, int) {
+            const Tile band = own.band(index);
+            if (level) return draw(band, true);
+            for_runs(band, [&](int x) { return marks[cells.at(0, band.rows.begin, x)]; }, draw);
+        });
     }
-    drawn.pictures = pictures;
-    drawn.levels = kLevels;
     return drawn;
 }
 
@@ -203,35 +228,28 @@ float *FrameRenderer::edges(int level) const {
     return space_.edges.get() + edge_floats(call_, level);
 }
 
+void Cells::mark(int level, Range rows, Range columns, std::uint8_t *marks) const {
+    const PyramidLevel &own = call_.levels[level];
+    const int left = std::max(columns.begin, 0);
+    const int right = std::min(columns.end, own.size.width) - 1;
+    const int bottom = std::min(rows.end, own.size.height) - 1;
+    const int top = std::max(rows.begin, 0) / own.band_rows * own.band_rows;
+    for (int y = top; y <= bottom; y += own.band_rows)
+        std::fill(marks + at(level, y, left), marks + at(level, y, right) + 1, std::uint8_t{1});
+}
+
 void FrameRenderer::find_dynamic(const Cells &cells) const {
-    std::fill_n(&cells.dynamic(0), cells.count(), std::uint8_t{0});
-    const auto mark = [&](int level, Range rows, Range columns) {
-        const PyramidLevel &own = call_.levels[level];
-        const int left = std::max(columns.begin, 0);
-        const int right = std::min(columns.end, own.size.width) - 1;
-        const int bottom = std::min(rows.end, own.size.height) - 1;
-        const int top = std::max(rows.begin, 0) / own.band_rows * own.band_rows;
-        for (int y = top; y <= bottom; y += own.band_rows)
-            std::fill(&cells.dynamic(cells.at(level, y, left)),
-                      &cells.dynamic(cells.at(level, y, right)) + 1, std::uint8_t{1});
-    };
-    for (int level = 0; level < kLevels; ++level) {
-        const SplatLayer &layer = layers_[level];
-        for (int block = layer.begin; block < layer.end; ++block) {
-            const Splats &s = layer.splats[block];
-            for (int l = 0; l < kBlock; ++l) {
-                Range rows{s.row_begin[l], s.row_end[l]}, columns{s.x_begin[l], s.x_end[l]};
-                if (s.layer[l] != level || rows.begin >= rows.end || columns.begin >= columns.end)
-                    continue;
-                mark(level, rows, columns);
-                // Upsampling spreads a pixel over four by four.
-                for (int finer = level - 1; finer >= 0; --finer) {
-                    for (Range *of : {&rows, &columns}) *of = {2 * of->begin - 1, 2 * of->end + 1};
-                    mark(finer, rows, columns);
-                }
+    std::uint8_t *marks = &cells.dynamic(0);
+    std::fill_n(marks, cells.count(), std::uint8_t{0});
+    for (int level = 0; level < kLevels; ++level)
+        for_boxes(layers_[level], [&](Range rows, Range columns) {
+            cells.mark(level, rows, columns, marks);
+            // Upsampling spreads a pixel over four by four.
+            for (int finer = level - 1; finer >= 0; --finer) {
+                for (Range *of : {&rows, &columns}) *of = {2 * of->begin - 1, 2 * of->end + 1};
+                cells.mark(finer, rows, columns, marks);
             }
-        }
-    }
+        });
 }
 
 void FrameRenderer::render_levels(const Cells *cells) const {
@@ -254,34 +272,49 @@ void FrameRenderer::render_levels(const Cells *cells) const {
     }
 }
 
-void FrameRenderer::set_static_tile(int level, Tile tile, const Pixels &pixels) const {
+void FrameRenderer::set_tile(int level, Tile tile, Base base, const Pixels &pixels) const {
+    if (base.plate) return call_.kernels.from_plate(*base.plate, tile, pixels);
     const std::size_t bytes = sizeof(float) * kRowFloats * call_.levels[level].band_rows;
-    const int begin = tile.columns.begin / kStripWidth;
-    const int end = (tile.columns.end + kStripWidth - 1) / kStripWidth;
     const auto strip_of = [&](const Pixels &of, int strip) {
         return of.data + of.strip_offset(strip) + (tile.rows.begin - of.first_row) * kRowFloats;
     };
-    if (level < static_pyramid_.levels) {
-        const Pixels drawn = static_picture(level);
-        for (int strip = begin; strip < end; ++strip)
-            std::memcpy(strip_of(pixels, strip), strip_of(drawn, strip), bytes);
-    } else {
-        for (int strip = begin; strip < end; ++strip)
-            std::memset(strip_of(pixels, strip), 0, bytes);
+    for (int x = tile.columns.begin; x < tile.columns.end; x += kStripWidth) {
+        float *own = strip_of(pixels, x / kStripWidth);
+        if (base.pixels)
+            std::memcpy(own, strip_of(*base.pixels, x / kStripWidth), bytes);
+        else
+            std::memset(own, 0, bytes);
     }
-    call_.kernels.rasterise(layers_[kLevels + level], tile, pixels);
+}
+
+void FrameRenderer::set_static_tile(int level, Tile tile, bool is_drawn,
+                                    const Pixels &pixels) const {
+    const SplatLayer &splats = layers_[kLevels + level];
+    const bool upsampled = level < coarsest_;
+    const Pixels drawn = static_picture(level);
+    Base base = level ? Base{} : static_pyramid_.base;
+    if (is_drawn) base = {&drawn, nullptr};
+    // Upsampling adds the base as it writes the tile.
+    if (!upsampled || !splats.empty()) {
+        set_tile(level, tile, base, pixels);
+        call_.kernels.rasterise(splats, tile, pixels);
+        base = {&pixels, nullptr};
+    }
+    if (!upsampled) return;
+    const Size coarser = call_.levels[level + 1].size;
+    call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels, tile, base);
 }
 
 void FrameRenderer::rasterise_tile(int level, Tile tile, const Pixels &pixels) const {
-    // Upsampling adds what is static as it writes the tile, and there may be nothing.
-    const bool splats = !layers_[kLevels + level].empty(), upsampled = level < coarsest_;
-    const bool any = splats || level < static_pyramid_.levels, drawn = any && !splats;
-    if (!upsampled || splats) set_static_tile(level, tile, pixels);
-    if (upsampled) {
-        const Size coarser = call_.levels[level + 1].size;
-        const Pixels base = drawn ? static_picture(level) : pixels;
-        call_.kernels.upsample(picture(level + 1), coarser.width, coarser.height, pixels, tile,
-                               any ? &base : nullptr);
+    const std::uint8_t *drawn = static_pyramid_.cells;
+    const auto set = [&](Tile run, bool is_drawn) {
+        set_static_tile(level, run, is_drawn, pixels);
+    };
+    if (level == 0 && drawn) {
+        const Cells cells(call_, nullptr);
+        for_runs(tile, [&](int x) { return drawn[cells.at(0, tile.rows.begin, x)]; }, set);
+    } else {
+        set(tile, drawn);
     }
     call_.kernels.rasterise(layers_[level], tile, pixels);
 }

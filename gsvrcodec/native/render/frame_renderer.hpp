@@ -40,12 +40,19 @@ struct RenderCall {
     PyramidLevel levels[kLevels];
 };
 
-// The static splats of a GOP, rasterised once for all frames: one picture for each pyramid level.
+// What lies behind the splats of all frames of a call, and its static splats in front of that,
+// which may be rasterised once for all frames.
 struct StaticPyramid {
-    const float *pictures;  // of some levels, finest first; null: there are none
-    int levels;             // that have pictures; all of them: those of all static splats
-    int dynamic_blocks;     // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
-    int coarsest;           // the coarsest level with static splats; 0 without pictures
+    static StaticPyramid in_front_of(const Backdrop *backdrop) {
+        return {backdrop ? backdrop->base() : Base{}, nullptr, nullptr, 0, 0};
+    }
+
+    Base base;              // behind level 0
+    const float *pictures;  // with the static splats, of all levels, finest first; null: none
+    const std::uint8_t
+        *cells;          // of level 0: whether its picture is drawn; where not, it is the base
+    int dynamic_blocks;  // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
+    int coarsest;        // the coarsest level with static splats; 0 without pictures
 };
 
 // Parts of the levels of a picture, kCellColumns wide and as high as a band.
@@ -69,6 +76,8 @@ class Cells {
         const PyramidLevel &own = call_.levels[level];
         return first_[level] + row / own.band_rows * own.cells_across() + column / kCellColumns;
     }
+    // Sets the marks, one for each cell, of those that a box of a level touches.
+    void mark(int level, Range rows, Range columns, std::uint8_t *marks) const;
     // Whether dynamic splats may show in a cell of this frame.
     std::uint8_t &dynamic(int cell) const { return dynamic_[cell]; }
     // Whether the picture of a coarser level in the workspace has the static splats alone there.
@@ -102,7 +111,7 @@ class FrameRenderer {
     // Projects the Gaussians at time `tau`; only the dynamic blocks if `static_pyramid` has
     // pictures. The workspace must have been reserved.
     FrameRenderer(const RenderCall &, float tau, int threads, Workspace &,
-                  const StaticPyramid &static_pyramid = {});
+                  const StaticPyramid &static_pyramid);
 
     const Frame &frame() const { return frame_; }
 
@@ -191,8 +200,10 @@ class FrameRenderer {
     Pixels level_pixels(float *pictures, int first, int level) const;
     // A level of the picture of the static splats.
     Pixels static_picture(int level) const;
-    // Sets a tile of a level to the picture of its static splats.
-    void set_static_tile(int level, Tile, const Pixels &) const;
+    // Sets a tile of a level to what lies behind it.
+    void set_tile(int level, Tile, Base, const Pixels &) const;
+    // Sets a tile of a level to all but its dynamic splats. is_drawn: its static splats are drawn.
+    void set_static_tile(int level, Tile, bool is_drawn, const Pixels &) const;
     // Sets a tile of a level to the sum of its splats and of the coarser levels.
     void rasterise_tile(int level, Tile, const Pixels &) const;
     // From the gradient of a tile: moments of its splats, and gradient of the next coarser level.

@@ -26,6 +26,7 @@ namespace {
 #include "deform.hpp"
 #include "deform_backward.hpp"
 #include "raster.hpp"
+#include "base.hpp"
 #include "pyramid.hpp"
 #include "rows.hpp"
 #include "adam.hpp"
@@ -36,11 +37,11 @@ namespace {
 
 extern const Kernels GSVR_JOIN(kKernels_, GSVR_ISA);
 const Kernels GSVR_JOIN(kKernels_, GSVR_ISA) = {
-    GSVR_NAME(GSVR_ISA),  GSVR_LANES,           GSVR_ISA::kBandRows,      GSVR_ISA::static_share,
-    GSVR_ISA::project,    GSVR_ISA::rasterise,  GSVR_ISA::upsample,       GSVR_ISA::downsample,
-    GSVR_ISA::to_rgb8,    GSVR_ISA::to_planes8, GSVR_ISA::to_float,       GSVR_ISA::to_sums,
-    GSVR_ISA::from_float, GSVR_ISA::residual,   GSVR_ISA::gather_moments, GSVR_ISA::backward,
-    GSVR_ISA::adam,       GSVR_ISA::price,      GSVR_ISA::sum_shifted,
+    GSVR_NAME(GSVR_ISA),  GSVR_LANES,           GSVR_ISA::kBandRows,  GSVR_ISA::static_share,
+    GSVR_ISA::project,    GSVR_ISA::rasterise,  GSVR_ISA::from_plate, GSVR_ISA::upsample,
+    GSVR_ISA::downsample, GSVR_ISA::to_rgb8,    GSVR_ISA::to_planes8, GSVR_ISA::to_float,
+    GSVR_ISA::to_sums,    GSVR_ISA::from_float, GSVR_ISA::residual,   GSVR_ISA::gather_moments,
+    GSVR_ISA::backward,   GSVR_ISA::adam,       GSVR_ISA::price,      GSVR_ISA::sum_shifted,
 };
 
 }  // namespace gsvr

@@ -142,6 +142,19 @@ struct Pixels {
     }
 };
 
+// The codes of a plate: planes of Y, Cb and Cr of full range. All rows and columns of whole strips
+// and of whole pairs of rows may be read.
+struct PlateCodes {
+    const std::uint8_t *y;
+    std::ptrdiff_t line, plane;  // bytes from one row to the next, and from one plane to the next
+};
+
+// What lies behind the splats of a tile: pixels, or a plate; or nothing, if both are null.
+struct Base {
+    const Pixels *pixels;
+    const PlateCodes *plate;
+};
+
 // How Adam steps; see `Adam`.
 struct AdamRule {
     float beta1, beta2, epsilon, agreeing, opposing;
@@ -159,10 +172,11 @@ struct Kernels {
                     BlockBox *boxes);
     // Adds the splats of one layer to the pixels of a tile.
     void (*rasterise)(const SplatLayer &, Tile, Pixels);
-    // Upsamples the next coarser level to a tile of a level, and adds the tile of `base`, which may
-    // be `fine`; null adds nothing.
-    void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile,
-                     const Pixels *base);
+    // Sets the pixels of a tile to the sums of a plate.
+    void (*from_plate)(const PlateCodes &, Tile, Pixels);
+    // Upsamples the next coarser level to a tile of a level, and adds the tile of the base, whose
+    // pixels may be `fine`.
+    void (*upsample)(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile, Base);
     // The adjoint of upsample: writes the gradient of the next coarser level from a tile of `fine`,
     // the gradient of a level, which must be zero beyond the picture. The tiles of a band come from
     // left to right, each of whole coarse strips. The last coarse strip of a tile is written with

@@ -103,10 +103,19 @@ void add_effects(const Look &look, Sums sums, int coded_width, int coded_height,
     gsvr::add_effects(arrays, static_cast<int>(n), sums.data(), size, coded, threads, out.data());
 }
 
+using PlateCodes =
+    nb::ndarray<const std::uint8_t, nb::shape<3, -1, -1>, nb::c_contig, nb::device::cpu>;
+
 void init_backdrop(gsvr::Backdrop *self, Sums sums) {
     const gsvr::Size size = checked(sums.shape(1), sums.shape(0));
     nb::gil_scoped_release release;
     new (self) gsvr::Backdrop(sums.data(), size);
+}
+
+void init_plate(gsvr::Backdrop *self, PlateCodes ycc) {
+    const gsvr::Size size = checked(ycc.shape(2), ycc.shape(1));
+    nb::gil_scoped_release release;
+    new (self) gsvr::Backdrop(ycc.data(), size);
 }
 
 void backward_float(const Parameters &parameters, float tau, Image<const float> weights,
@@ -216,11 +225,17 @@ void price_slopes(Table value, Floats step, std::optional<Floats> carried, int n
 
 // By the names of gsvrcodec/model/reconstruction.py.
 std::map<std::string, double> constants() {
-    return {{"MIN_SCALE", gsvr::kMinScale},    {"DILATION", gsvr::kDilation},
-            {"CUTOFF", gsvr::kCutoff},         {"ANTIALIAS", gsvr::kAntialias},
-            {"GROUND", gsvr::kGround},         {"MOST_LOG_OPACITY", gsvr::kMostLogOpacity},
-            {"LEVELS", gsvr::kLevels},         {"LEVEL_SCALE", gsvr::kLevelScale},
-            {"UPSAMPLING", gsvr::kUpsampling}, {"MIN_VARIANCE", gsvr::kMinVariance}};
+    return {{"MIN_SCALE", gsvr::kMinScale},
+            {"DILATION", gsvr::kDilation},
+            {"CUTOFF", gsvr::kCutoff},
+            {"ANTIALIAS", gsvr::kAntialias},
+            {"GROUND", gsvr::kGround},
+            {"PLATE_WEIGHT", gsvr::kPlateWeight},
+            {"MOST_LOG_OPACITY", gsvr::kMostLogOpacity},
+            {"LEVELS", gsvr::kLevels},
+            {"LEVEL_SCALE", gsvr::kLevelScale},
+            {"UPSAMPLING", gsvr::kUpsampling},
+            {"MIN_VARIANCE", gsvr::kMinVariance}};
 }
 
 }  // namespace
@@ -238,7 +253,9 @@ NB_MODULE(_core, m) {
              exact("position"), exact("log_scale"), exact("rotation"), exact("colour"),
              exact("log_opacity"), exact("indicator"), exact("linear"), exact("quadratic"),
              exact("xy"), exact("xt"), exact("yt"));
-    nb::class_<gsvr::Backdrop>(m, "Backdrop").def("__init__", &init_backdrop, "sums"_a);
+    nb::class_<gsvr::Backdrop>(m, "Backdrop")
+        .def("__init__", &init_backdrop, "sums"_a)
+        .def("__init__", &init_plate, "ycc"_a);
     m.def("render_rgb8", &render_rgb8, "parameters"_a, "taus"_a, exact("out"), "coded_width"_a,
           "coded_height"_a, "mean"_a, "threads"_a, "backdrop"_a.none() = nb::none());
     m.def("render_planes8", &render_planes8, "parameters"_a, "taus"_a, exact("out"),

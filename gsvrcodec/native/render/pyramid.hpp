@@ -5,26 +5,54 @@
 // strip and from top to bottom, so that each coarse strip and the two fine strips it covers are
 // read and written once.
 
-// The first pixel of a row of a strip, red.
-static inline float *strip_row(const Pixels &pixels, int strip, int row) {
-    const unsigned down = static_cast<unsigned>(row - pixels.first_row);
-    return pixels.data + pixels.strip_offset(strip) + down / kVectorRows * kStepFloats +
-           down % kVectorRows * kStripWidth;
-}
-
 // Distances in floats from an even row to the next row and to the next even row.
 constexpr int kOddRow = kVectorRows == 1 ? kStepFloats : kStripWidth;
 constexpr int kEvenRow = kVectorRows == 1 ? 2 * kStepFloats : kStepFloats;
 
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
-// One channel of one coarse row of a strip, upsampled along x: the rows of the two fine strips.
+// The vector steps that one coarse row becomes.
+constexpr int kUpsampledSteps = 2 / kVectorRows;
+
+// One channel of them, of the two fine strips.
+struct UpsampledSteps {
+    wide left[kUpsampledSteps], right[kUpsampledSteps];
+};
+
+#if GSVR_LANES == 16
+// One channel of one coarse row of a strip, upsampled along x: those of the left fine strip, then
+// those of the right one.
+typedef vf UpsampledRow;
+
+// `own` is the row, `before` and `after` its neighbours to the left and to the right, and `last`
+// the index of the last pixel of the row that is in the picture.
+static inline UpsampledRow upsampled_row(const float *own, const float *before, const float *after,
+                                         int last) {
+    const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    const v8 a = lane <= last ? load8(own) : own[last] - v8{};
+    const v8 outside =
+        __builtin_shufflevector(*before - v8{}, *after - v8{}, 0, 8, 0, 0, 0, 0, 0, 0);
+    const vf all =
+        __builtin_shufflevector(a, outside, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    const vf near =
+        __builtin_shufflevector(all, all, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 7);
+    const vf far =
+        __builtin_shufflevector(all, all, 8, 1, 0, 2, 1, 3, 2, 4, 3, 5, 4, 6, 5, 7, 6, 9);
+    return 0.75f * near + 0.25f * far;
+}
+
+static inline UpsampledSteps upsampled_steps(vf above, vf here, vf below) {
+    const vf most = 0.75f * here, even = most + 0.25f * above, odd = most + 0.25f * below;
+    return {{__builtin_shufflevector(even, odd, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22,
+                                     23)},
+            {__builtin_shufflevector(even, odd, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28,
+                                     29, 30, 31)}};
+}
+#else
 struct UpsampledRow {
     v8 left, right;
 };
 
-// `own` is the row, `before` and `after` its neighbours to the left and to the right, and `last`
-// the index of the last pixel of the row that is in the picture.
 static inline UpsampledRow upsampled_row(const float *own, const float *before, const float *after,
                                          int last) {
     const i8 lane = {0, 1, 2, 3, 4, 5, 6, 7};
@@ -37,13 +65,19 @@ static inline UpsampledRow upsampled_row(const float *own, const float *before, 
             __builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)};
 }
 
-template <bool Add>
+static inline UpsampledSteps upsampled_steps(const UpsampledRow &above, const UpsampledRow &here,
+                                             const UpsampledRow &below) {
+    const v8 left = 0.75f * here.left, right = 0.75f * here.right;
+    return {{left + 0.25f * above.left, left + 0.25f * below.left},
+            {right + 0.25f * above.right, right + 0.25f * below.right}};
+}
+#endif
+
+// `Behind` reads what lies behind the tile.
+template <class Behind>
 static inline void upsample_strips(const Pixels &coarse, int coarse_width, int coarse_height,
-                                   const Pixels &fine, Tile tile, const Pixels &base) {
-    const auto put = [](float *p, const float *b, v8 v) { store8(p, Add ? load8(b) + v : v); };
+                                   const Pixels &fine, Tile tile, Base base) {
     const std::ptrdiff_t next = static_cast<std::ptrdiff_t>(coarse.rows) * kRowFloats;
-    const std::ptrdiff_t fine_next = static_cast<std::ptrdiff_t>(fine.rows) * kRowFloats;
-    const std::ptrdiff_t base_next = static_cast<std::ptrdiff_t>(base.rows) * kRowFloats;
     const Range rows = tile.rows;
     for (int strip = tile.columns.begin / (2 * kStripWidth);
          2 * strip * kStripWidth < tile.columns.end; ++strip) {
@@ -51,47 +85,51 @@ static inline void upsample_strips(const Pixels &coarse, int coarse_width, int c
         const bool right_most = (strip + 1) * kStripWidth >= coarse_width;
         const std::ptrdiff_t before = strip ? kStripWidth - 1 - next : 0;
         const std::ptrdiff_t after = right_most ? last : next;
-        const bool both = (2 * strip + 1) * kStripWidth < tile.columns.end;
-        float *out = strip_row(fine, 2 * strip, rows.begin);
-        const float *under = strip_row(base, 2 * strip, rows.begin);
-        int row = rows.begin / 2;
+        const int left = 2 * strip, right = left + ((left + 1) * kStripWidth < tile.columns.end);
+        const Behind behind_left(base, left, rows.begin), behind_right(base, right, rows.begin);
+        float *out_left = strip_row(fine, left, rows.begin);
+        float *out_right = strip_row(fine, right, rows.begin);
         UpsampledRow above[kSums], here[kSums], below[kSums];
         const auto read = [&](int of, UpsampledRow *w) {
             const float *own = strip_row(coarse, strip, of);
             for (int c = 0; c < kSums; ++c, own += kChannelFloats)
                 w[c] = upsampled_row(own, own + before, own + after, last);
         };
+        int row = rows.begin / 2, step = 0;
         read(max(row - 1, 0), above);
         read(row, here);
-        for (; 2 * row < rows.end; ++row, out += kEvenRow, under += kEvenRow) {
+        for (; 2 * row < rows.end; ++row, step += kUpsampledSteps) {
             read(min(row + 1, coarse_height - 1), below);
+            UpsampledSteps steps[kSums];
             for (int c = 0; c < kSums; ++c) {
-                float *p = out + c * kChannelFloats;
-                const float *b = under + c * kChannelFloats;
-                const v8 left = 0.75f * here[c].left;
-                put(p, b, left + 0.25f * above[c].left);
-                put(p + kOddRow, b + kOddRow, left + 0.25f * below[c].left);
-                if (both) {
-                    p += fine_next;
-                    b += base_next;
-                    const v8 right = 0.75f * here[c].right;
-                    put(p, b, right + 0.25f * above[c].right);
-                    put(p + kOddRow, b + kOddRow, right + 0.25f * below[c].right);
-                }
+                steps[c] = upsampled_steps(above[c], here[c], below[c]);
                 above[c] = here[c];
                 here[c] = below[c];
             }
+            const auto put = [&](const Behind &behind, float *out, auto side) {
+                for (int k = 0; k < kUpsampledSteps; ++k) {
+                    wide sums[kSums];
+                    behind.read(step + k, sums);
+                    for (int c = 0; c < kSums; ++c)
+                        store_wide(out + (step + k) * kStepFloats + c * kChannelFloats,
+                                   sums[c] + (steps[c].*side)[k]);
+                }
+            };
+            put(behind_left, out_left, &UpsampledSteps::left);
+            if (left != right) put(behind_right, out_right, &UpsampledSteps::right);
         }
     }
 }
 
 void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, Tile tile,
-              const Pixels *base) {
+              Base base) {
     const FlushDenormals flush;
-    if (base)
-        upsample_strips<true>(coarse, coarse_width, coarse_height, fine, tile, *base);
+    if (base.pixels)
+        upsample_strips<PixelsBehind>(coarse, coarse_width, coarse_height, fine, tile, base);
+    else if (base.plate)
+        upsample_strips<PlateBehind>(coarse, coarse_width, coarse_height, fine, tile, base);
     else
-        upsample_strips<false>(coarse, coarse_width, coarse_height, fine, tile, fine);
+        upsample_strips<NothingBehind>(coarse, coarse_width, coarse_height, fine, tile, base);
 }
 
 // The adjoint of upsampling along x: the channels of one row of a coarse strip, from the row of

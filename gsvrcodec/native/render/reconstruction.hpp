@@ -9,6 +9,7 @@ constexpr float kDilation = 0.1f;        // px^2 of the coded frame, added to va
 constexpr float kCutoff = 1.0f / 64.0f;  // subtracted from each weight
 constexpr float kSupport = 4.1588830833596715f;  // ln 64: the exponent where the cut-off is reached
 constexpr float kGround = 1.0f / 1024.0f;        // weight of the black ground of a mean
+constexpr float kPlateWeight = 1.0f;             // of each pixel of a plate
 constexpr float kMostLogOpacity = 12.0f;         // greatest magnitude of a log-opacity at any time
 constexpr float kAntialias = 0.25f;              // px^2 of a frame smaller than the coded one
 

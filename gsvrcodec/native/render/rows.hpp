@@ -20,27 +20,6 @@ static inline std::ptrdiff_t pixel_at(const Frame &frame, int x, int row) {
     return static_cast<std::ptrdiff_t>(row) * frame.width + x;
 }
 
-// The pixels of a strip in one vector step, as wide as registers are: their rows follow each other.
-#if GSVR_LANES == 16
-typedef vf wide;
-typedef vi wide_int;
-static inline wide_int joined(const i8 *rows) {
-    return __builtin_shufflevector(rows[0], rows[1], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13,
-                                   14, 15);
-}
-static inline wide load_wide(const float *p) { return load(p); }
-static inline void store_wide(float *p, wide v) { store(p, v); }
-static inline wide clamped(wide v, float most) { return min(max(v, wide{}), most - wide{}); }
-static inline float sum_wide(wide v) { return sum(v); }
-#else
-typedef v8 wide;
-typedef i8 wide_int;
-static inline wide_int joined(const i8 *rows) { return rows[0]; }
-static inline wide load_wide(const float *p) { return load8(p); }
-static inline void store_wide(float *p, wide v) { store8(p, v); }
-static inline float sum_wide(wide v) { return sum8(v); }
-#endif
-
 // The factor that turns sums into colours, from the sums of the weights.
 static inline wide colour_factor(const Frame &frame, wide weight) {
     const wide one = 1.0f - wide{};

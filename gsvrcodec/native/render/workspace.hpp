@@ -45,7 +45,7 @@ struct Workspace {
     Buffer<float> lines, pixels, pictures, static_pictures, plane_gradients, picture_gradients,
         edges;
     Buffer<double> sums;
-    Buffer<std::uint8_t> cells;
+    Buffer<std::uint8_t> cells, static_cells;
 };
 
 // Borrows a workspace for the lifetime of this object; no other object has the same workspace.
