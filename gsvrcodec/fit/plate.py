@@ -88,14 +88,22 @@ def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
         alike[one] += same
         alike[other] += same
     best = alike.argmax(axis=0)
-    middle = np.take_along_axis(pictures, best[None, ..., None], axis=0)[0]
+    middle = pictures[0].copy()
+    for number, picture in enumerate(pictures[1:], 1):
+        cv2.copyTo(picture, _mask(best == number), middle)
     total, count = np.zeros(middle.shape, np.float32), np.zeros(middle.shape[:2], np.uint8)
     for picture in pictures:
-        same = ~differs(picture, middle)
-        total += picture * same[..., None]
-        count += same
-    mean = (total / np.maximum(count, 1)[..., None]).round().astype(np.uint8)
-    return np.where(count[..., None] > 0, mean, middle), count
+        alike_there = _mask(~differs(picture, middle))
+        cv2.accumulate(picture, total, alike_there)
+        count += alike_there
+    total /= np.maximum(count, 1)[..., None]
+    usual = np.asarray(cv2.copyTo(cv2.convertScaleAbs(total), _mask(count > 0), middle), np.uint8)
+    return usual, count
+
+
+def _mask(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return places, (H, W), as OpenCV takes them."""
+    return where.view(np.uint8)
 
 
 def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:

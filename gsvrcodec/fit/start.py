@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,6 +19,8 @@ from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import TRIPLANE_CHANNELS, Float32Array, Gop, GridSize
 from gsvrcodec.model.reconstruction import Blending
 from gsvrcodec.render.backend import Backend
+
+Number = TypeVar("Number", np.int16, np.float32)
 
 
 def density(frames: Frames) -> NDArray[np.float64]:
@@ -39,9 +42,10 @@ def _density(details: Iterable[Float32Array]) -> NDArray[np.float64]:
 
 def gradient(frame: NDArray[np.uint8]) -> Float32Array:
     """Differences across and down, (H, W): absolute, summed over the channels of (H, W, 3)."""
-    dx = cv2.Sobel(frame, cv2.CV_32F, 1, 0, ksize=1)
-    dy = cv2.Sobel(frame, cv2.CV_32F, 0, 1, ksize=1)
-    return over_channels(np.abs(dx) + np.abs(dy))
+    across = cv2.Sobel(frame, cv2.CV_16S, 1, 0, ksize=1)
+    down = cv2.Sobel(frame, cv2.CV_16S, 0, 1, ksize=1)
+    both = np.add(np.abs(across, out=across), np.abs(down, out=down), out=across)
+    return over_channels(both).astype(np.float32)
 
 
 def _differing(frame: Picture, plate: Picture) -> Float32Array:
@@ -50,7 +54,7 @@ def _differing(frame: Picture, plate: Picture) -> Float32Array:
     return np.asarray(np.maximum(differing - np.float32(START.plate_noise), 0))
 
 
-def over_channels(values: Float32Array) -> Float32Array:
+def over_channels(values: NDArray[Number]) -> NDArray[Number]:
     """Sum of the channels of (H, W, 3), (H, W); quicker than `sum`, whose rows are too short."""
     return values[..., 0] + values[..., 1] + values[..., 2]
 

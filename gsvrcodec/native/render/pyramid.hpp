@@ -132,37 +132,95 @@ void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, T
         upsample_strips<NothingBehind>(coarse, coarse_width, coarse_height, fine, tile, base);
 }
 
-// The adjoint of upsampling along x: the channels of one row of a coarse strip, from the row of
-// the two fine strips it covers.
-struct DownsampledRow {
-    v8 sum[kSums];
+// Half of the sums that make a coarse step of fine ones: the fine pixels of a coarse pixel, and the
+// two neighbours of those.
+template <class Vector>
+static inline Vector downsampled(Vector even, Vector odd, Vector back, Vector ahead) {
+    return 0.75f * (even + odd) + 0.25f * (back + ahead);
+}
+
+// The adjoint of upsampling along x: the channels of an even row and of the next.
+struct DownsampledRows {
+    v8 upper[kSums], lower[kSums];
 };
 
-static inline DownsampledRow downsampled_row(const Pixels &fine, int width, int strip, int row) {
-    const int first = 2 * strip, count = strips(width);
-    const float *left = strip_row(fine, first, row);
-    const std::ptrdiff_t own = fine.strip_offset(first);
-    const std::ptrdiff_t next = fine.strip_offset(first + 1) - own;
-    const std::ptrdiff_t last_before = fine.strip_offset(first - 1) - own + kStripWidth - 1;
-    const std::ptrdiff_t first_after = fine.strip_offset(first + 2) - own;
-    DownsampledRow n;
-    for (int c = 0; c < kSums; ++c, left += kChannelFloats) {
-        const v8 a = load8(left), b = first + 1 < count ? load8(left + next) : v8{};
-        // The fine pixels just outside the two strips. At the edge of the picture, upsampling
-        // repeats the outermost coarse pixel: the outermost fine pixel takes the place of the
-        // missing one.
-        const float before = first ? left[last_before] : left[0];
-        const float after = first + 2 < count ? left[first_after] : 0.0f;
-        v8 even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
-        v8 odd = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15);
-        v8 back = __builtin_shufflevector(before - v8{}, odd, 0, 8, 9, 10, 11, 12, 13, 14);
-        v8 ahead = __builtin_shufflevector(even, after - v8{}, 1, 2, 3, 4, 5, 6, 7, 8);
-        const int end = width - first * kStripWidth;  // of the row, in pixels from the left strip
-        if (end <= 2 * kStripWidth && end % 2 == 0) ahead[end / 2 - 1] = odd[end / 2 - 1];
-        n.sum[c] = 0.75f * (even + odd) + 0.25f * (back + ahead);
+// The two fine strips that a coarse strip covers, and their neighbours. At the edge of the picture,
+// upsampling repeats the outermost coarse pixel: the outermost fine pixel takes the place of the
+// missing one.
+class FineStrips {
+   public:
+    FineStrips(const Pixels &fine, int width, int strip)
+        : fine_(fine),
+          left_(2 * strip),
+          has_right_(left_ + 1 < strips(width)),
+          has_after_(left_ + 2 < strips(width)),
+          before_(fine.strip_offset(left_ - 1) - fine.strip_offset(left_)),
+          right_(fine.strip_offset(left_ + 1) - fine.strip_offset(left_)),
+          after_(fine.strip_offset(left_ + 2) - fine.strip_offset(left_)),
+          end_(width - left_ * kStripWidth) {}
+
+    // Of an even row, and the next if there is one.
+    DownsampledRows rows(int row, bool has_next) const {
+        DownsampledRows rows;
+        const float *p = strip_row(fine_, left_, row);
+        for (int c = 0; c < kSums; ++c, p += kChannelFloats) {
+#if GSVR_LANES == 16
+            const vf both = step(p);
+            rows.upper[c] = __builtin_shufflevector(both, both, 0, 1, 2, 3, 4, 5, 6, 7);
+            rows.lower[c] = __builtin_shufflevector(both, both, 8, 9, 10, 11, 12, 13, 14, 15);
+            if (!has_next) rows.lower[c] = v8{};
+#else
+            rows.upper[c] = step(p);
+            rows.lower[c] = has_next ? step(p + kOddRow) : v8{};
+#endif
+        }
+        return rows;
     }
-    return n;
-}
+
+   private:
+    // Whether the coarse strip has the last pixel of a row, and that covers two fine pixels.
+    bool is_last() const { return end_ <= 2 * kStripWidth && end_ % 2 == 0; }
+
+#if GSVR_LANES == 16
+    // Both rows of a vector step.
+    vf step(const float *p) const {
+        const vf a = load(p), b = has_right_ ? load(p + right_) : vf{};
+        const vf even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 16, 18, 20, 22, 8, 10, 12, 14, 24,
+                                                26, 28, 30);
+        const vf odd = __builtin_shufflevector(a, b, 1, 3, 5, 7, 17, 19, 21, 23, 9, 11, 13, 15, 25,
+                                               27, 29, 31);
+        const vf edge =
+            __builtin_shufflevector(a, a, 0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 8, 8, 8, 8, 8, 8);
+        const vf before = left_ ? load(p + before_) : edge,
+                 after = has_after_ ? load(p + after_) : vf{};
+        const vf back = __builtin_shufflevector(before, odd, 7, 16, 17, 18, 19, 20, 21, 22, 15, 24,
+                                                25, 26, 27, 28, 29, 30);
+        vf ahead = __builtin_shufflevector(even, after, 1, 2, 3, 4, 5, 6, 7, 16, 9, 10, 11, 12, 13,
+                                           14, 15, 24);
+        if (is_last())
+            for (int k : {end_ / 2 - 1, end_ / 2 - 1 + kStripWidth}) ahead[k] = odd[k];
+        return downsampled(even, odd, back, ahead);
+    }
+#else
+    v8 step(const float *p) const {
+        const v8 a = load8(p), b = has_right_ ? load8(p + right_) : v8{};
+        const float before = left_ ? p[before_ + kStripWidth - 1] : p[0];
+        const float after = has_after_ ? p[after_] : 0.0f;
+        const v8 even = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
+        const v8 odd = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15);
+        const v8 back = __builtin_shufflevector(before - v8{}, odd, 0, 8, 9, 10, 11, 12, 13, 14);
+        v8 ahead = __builtin_shufflevector(even, after - v8{}, 1, 2, 3, 4, 5, 6, 7, 8);
+        if (is_last()) ahead[end_ / 2 - 1] = odd[end_ / 2 - 1];
+        return downsampled(even, odd, back, ahead);
+    }
+#endif
+
+    const Pixels &fine_;
+    const int left_;
+    const bool has_right_, has_after_;
+    const std::ptrdiff_t before_, right_, after_;  // from the left strip
+    const int end_;                                // of the row, in pixels from the left strip
+};
 
 void downsample(Pixels fine, int fine_width, int fine_height, Tile tile, bool blank, Pixels coarse,
                 int coarse_width, float *edges) {
@@ -180,33 +238,37 @@ void downsample(Pixels fine, int fine_width, int fine_height, Tile tile, bool bl
         const i8 inside = lane < coarse_width - strip * kStripWidth;
         // The first coarse strip of a blank tile, too, has a neighbour that may not be zero.
         const bool zero = blank && strip > tile.columns.begin / (2 * kStripWidth);
+        const FineStrips strips(fine, fine_width, strip);
         const auto at = [&](int row) {
-            return row < rows.end && !zero ? downsampled_row(fine, fine_width, strip, row)
-                                           : DownsampledRow{};
+            return row < rows.end && !zero ? strips.rows(row, row + 1 < rows.end)
+                                           : DownsampledRows{};
         };
         const auto put = [&](float *p, int channel_stride, int c, v8 v) {
             store8(p + c * channel_stride, (v8)((i8)v & inside));
         };
         int row = rows.begin / 2;
-        DownsampledRow before{}, upper = at(2 * row), lower = at(2 * row + 1);
+        DownsampledRows here = at(2 * row);
+        v8 above[kSums];
         float *edge = edges + strip * kRowFloats;
-        for (int c = 0; c < kSums; ++c) put(edge, kStripWidth, c, 0.25f * upper.sum[c]);
-        if (rows.begin == 0) before = upper;
+        for (int c = 0; c < kSums; ++c) {
+            above[c] = rows.begin ? v8{} : here.upper[c];
+            put(edge, kStripWidth, c, 0.25f * here.upper[c]);
+        }
         for (; 2 * row < rows.end; ++row) {
             // Below the picture, upsampling repeats the last row: that row takes the missing place.
             const bool bottom = row == last_row && fine_height % 2 == 0;
-            const bool final = 2 * row + 2 >= rows.end;
-            const DownsampledRow after = bottom ? lower : at(2 * row + 2);
+            const DownsampledRows next = at(2 * row + 2);
             float *p = strip_row(coarse, strip, row);
             for (int c = 0; c < kSums; ++c) {
+                const v8 below = bottom ? here.lower[c] : next.upper[c];
                 put(p, kChannelFloats, c,
-                    0.75f * (upper.sum[c] + lower.sum[c]) + 0.25f * (before.sum[c] + after.sum[c]));
-                if (final) put(edge + count * kRowFloats, kStripWidth, c, 0.25f * lower.sum[c]);
+                    downsampled(here.upper[c], here.lower[c], above[c], below));
+                above[c] = here.lower[c];
             }
-            before = lower;
-            upper = after;
-            lower = at(2 * row + 3);
+            here = next;
         }
+        for (int c = 0; c < kSums; ++c)
+            put(edge + count * kRowFloats, kStripWidth, c, 0.25f * above[c]);
         // The rows below the picture in the last vector.
         for (; row % kVectorRows; ++row)
             for (int c = 0; c < kSums; ++c)
