@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.model.gop import Gop
 from gsvrcodec.model.plate import Plate
+from gsvrcodec.render.native import NativeBackend
 from gsvrcodec.render.reference import ReferenceBackend
 from tests.render import examples
 from tests.render.examples import SIZE, TAU
@@ -64,6 +65,26 @@ def test_at_the_coded_size(backends: Backends, size: tuple[int, int], count: int
     if not count:
         # The ground takes a 1025th of the light.
         assert np.abs(found - behind.shown().astype(int)).max() <= 1
+
+
+@pytest.mark.parametrize("static", [0, 55, 60])
+@pytest.mark.parametrize("size", [(37, 21), (97, 130), (300, 70)])
+def test_instruction_sets(size: tuple[int, int], static: int, isa: str) -> None:
+    """A frame is the same alone as among others, whose still parts are drawn once."""
+    codes = np.random.default_rng(3).integers(0, 256, (3, size[1], size[0]), np.uint8)
+    gop = examples.random_gop(60)
+    gop.indicator[:static], gop.linear[:static], gop.quadratic[:static] = 1, 0, 0
+    reference = ReferenceBackend().over(Plate(codes))
+    taus = np.linspace(-1, 1, 5, dtype=np.float32)
+    wanted = reference.render(reference.prepare(gop), taus, size, size)
+    for threads in (1, 3):
+        backend = NativeBackend(threads).over(Plate(codes))
+        prepared = backend.prepare(gop)
+        found = backend.render(prepared, taus, size, size)
+        assert np.abs(found.astype(int) - wanted).max() <= 1
+        for number, tau in enumerate(taus):
+            alone = backend.render(prepared, np.array([tau]), size, size)
+            np.testing.assert_array_equal(alone[0], found[number])
 
 
 @pytest.mark.parametrize("size", SIZES)
