@@ -16,6 +16,8 @@ export const MIN_VARIANCE = 0.5;
 export const CUTOFF = 1 / 64;
 /** Weight of the black ground behind means. */
 export const GROUND = 1 / 1024;
+/** Weight of each pixel of a plate. */
+export const PLATE_WEIGHT = 1;
 /** Greatest magnitude of a log-opacity. */
 export const MOST_LOG_OPACITY = 12;
 /** Least share of an opacity between two GOPs. */

@@ -5,7 +5,7 @@ import {
 } from "./attributes.js";
 import { GsvrError } from "./errors.js";
 import { bindTexture, makeTexture, Program, Quads, Target, targetFormat } from "./graphics.js";
-import { GROUND, LEVELS, MOST_LOG_OPACITY } from "./reconstruction.js";
+import { GROUND, LEVELS, MOST_LOG_OPACITY, PLATE_WEIGHT } from "./reconstruction.js";
 import {
   COVER_VERTEX, OUTLINE_FRAGMENT, OUTLINE_VERTEX, PLATE_FRAGMENT, SCREEN_FRAGMENT, SPLAT_FRAGMENT,
   SPLAT_VERTEX, UP_FRAGMENT,
@@ -73,7 +73,7 @@ export class Scene {
   chooseScale() {
     if (!this.isMean) return 1;
     const { gaussians, bend } = this;
-    let largest = this.plate ? 1 : Math.exp(-MOST_LOG_OPACITY), total = largest;
+    let largest = this.plate ? PLATE_WEIGHT : Math.exp(-MOST_LOG_OPACITY), total = largest;
     for (let at = 0; at < gaussians.length; at += SLOTS) {
       const log = gaussians[at + LOG_OPACITY] + Math.abs(1 - gaussians[at + INDICATOR]) * bend;
       const opacity = Math.exp(Math.min(log, MOST_LOG_OPACITY));
@@ -277,7 +277,7 @@ export class Renderer {
       isYcc: ["uniform1i", plate.isYcc],
       origin: ["uniform2f", x0, y0],
       ratio: ["uniform2f", plate.width / view.frame[0], plate.height / view.frame[1]],
-      scale: ["uniform1f", scale],
+      scale: ["uniform1f", PLATE_WEIGHT * scale],
     });
     this.drawCover();
   }

@@ -169,7 +169,7 @@ uniform sampler2D plate;
 uniform bool isYcc;
 uniform vec2 origin;     // of the drawn part, pixels of the frame
 uniform vec2 ratio;      // Wc / W, Hc / H
-uniform float scale;     // of all weights
+uniform float scale;     // weight of each pixel
 out vec4 sum;
 
 void main() {
