@@ -5,10 +5,6 @@
 // strip and from top to bottom, so that each coarse strip and the two fine strips it covers are
 // read and written once.
 
-// Distances in floats from an even row to the next row and to the next even row.
-constexpr int kOddRow = kVectorRows == 1 ? kStepFloats : kStripWidth;
-constexpr int kEvenRow = kVectorRows == 1 ? 2 * kStepFloats : kStepFloats;
-
 static inline int strips(int width) { return (width + kStripWidth - 1) / kStripWidth; }
 
 // The vector steps that one coarse row becomes.
@@ -132,8 +128,8 @@ void upsample(Pixels coarse, int coarse_width, int coarse_height, Pixels fine, T
         upsample_strips<NothingBehind>(coarse, coarse_width, coarse_height, fine, tile, base);
 }
 
-// Half of the sums that make a coarse step of fine ones: the fine pixels of a coarse pixel, and the
-// two neighbours of those.
+// The gradient of coarse pixels along one axis, from those of the two fine pixels of each, and of
+// the two fine neighbours of those.
 template <class Vector>
 static inline Vector downsampled(Vector even, Vector odd, Vector back, Vector ahead) {
     return 0.75f * (even + odd) + 0.25f * (back + ahead);
@@ -171,7 +167,7 @@ class FineStrips {
             if (!has_next) rows.lower[c] = v8{};
 #else
             rows.upper[c] = step(p);
-            rows.lower[c] = has_next ? step(p + kOddRow) : v8{};
+            rows.lower[c] = has_next ? step(p + kStepFloats) : v8{};
 #endif
         }
         return rows;
