@@ -291,7 +291,7 @@ void FrameRenderer::set_static_tile(int level, Tile tile, bool is_drawn,
                                     const Pixels &pixels) const {
     const SplatLayer &splats = layers_[kLevels + level];
     const bool upsampled = level < coarsest_;
-    const Pixels drawn = static_picture(level);
+    const Pixels drawn = is_drawn ? static_picture(level) : Pixels{};
     Base base = level ? Base{} : static_pyramid_.base;
     if (is_drawn) base = {&drawn, nullptr};
     // Upsampling adds the base as it writes the tile.

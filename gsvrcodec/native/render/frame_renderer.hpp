@@ -47,12 +47,11 @@ struct StaticPyramid {
         return {backdrop ? backdrop->base() : Base{}, nullptr, nullptr, 0, 0};
     }
 
-    Base base;              // behind level 0
-    const float *pictures;  // with the static splats, of all levels, finest first; null: none
-    const std::uint8_t
-        *cells;          // of level 0: whether its picture is drawn; where not, it is the base
-    int dynamic_blocks;  // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
-    int coarsest;        // the coarsest level with static splats; 0 without pictures
+    Base base;                  // behind level 0
+    const float *pictures;      // with the static splats, of all levels, finest first; null: none
+    const std::uint8_t *cells;  // of level 0: whether its picture is drawn, else it is the base
+    int dynamic_blocks;         // all dynamic Gaussians are in the blocks [0, dynamic_blocks)
+    int coarsest;               // the coarsest level with static splats; 0 without pictures
 };
 
 // Parts of the levels of a picture, kCellColumns wide and as high as a band.
