@@ -254,6 +254,8 @@ class _Slope:
     #: time to fit a Gaussian that stands still, and one that moves / time that `fitted` counts by
     still_time: float = 0.15
     moving_time: float = 1.5
+    #: Gaussians that a slope wants / those that there is time for, above which there are more
+    scarce: float = 3.0
     steps: float = 600.0  #: of a fit with the number by `fall` and bits alone
     #: what those that came last save in the median / their bits, where the number is by `fall`
     paid_usual: float = 1.4

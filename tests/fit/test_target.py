@@ -47,20 +47,28 @@ class TestNumber:
     @pytest.mark.parametrize("moving", [0.0, 0.1, 0.5, 1.0])
     def test_no_more_than_there_is_time_for(self, moving: float) -> None:
         slope = Slope(2.0, 10**9)
-        free, bound = (
-            slope.gaussians(10**6, 40.0, 500, moving, fitted) for fitted in (math.inf, 90.0)
-        )
+        free = slope.gaussians(10**6, 40.0, 500, moving)
         time = (1 - moving) * SLOPE.still_time + moving * SLOPE.moving_time
-        assert bound == round(90 / time) < free
-        # Where bits pay for fewer than that, they decide.
-        few = slope.gaussians(10**6, 1.0, 500, moving)
-        assert slope.gaussians(10**6, 1.0, 500, moving, 90.0) == few
+        for share in (1.1, 0.99 * SLOPE.scarce):
+            fitted = free / share * time
+            assert slope.gaussians(10**6, 40.0, 500, moving, fitted) == round(free / share)
+        # Where bits pay for fewer than there is time for, they decide.
+        assert slope.gaussians(10**6, 40.0, 500, moving, 1.1 * free * time) == free
+
+    def test_more_where_there_is_time_for_too_few(self) -> None:
+        slope = Slope(2.0, 10**9)
+        free = slope.gaussians(10**6, 40.0, 500, 1.0)
+        enough = free / SLOPE.scarce * SLOPE.moving_time  # of time, for all that count
+        for share in (4.0, 9.0):
+            found = slope.gaussians(10**6, 40.0, 500, 1.0, enough / share)
+            assert found == pytest.approx(free / SLOPE.scarce / share**0.5, rel=0.01)
+        assert slope.gaussians(10**6, 40.0, 500, 1.0, 0.0) == 1
 
     def test_what_stands_still_takes_less_time(self) -> None:
         still, moving = (
             Slope(2.0, 10**9).gaussians(10**6, 40.0, 500, share, 90.0) for share in (0, 1)
         )
-        assert still > 5 * moving
+        assert still > 3 * moving
 
     def test_bounds(self) -> None:
         assert Slope(0.01, 500).gaussians(10**6, 40.0, 500, 1.0) == 500
