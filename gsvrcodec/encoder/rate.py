@@ -28,7 +28,7 @@ def crf_of(qscale: float) -> float:
 
 def visited_frames(frames: int) -> int:
     """Frames that the visits of a GOP are counted for: at least so many that its fit converges."""
-    return max(frames, EFFORT.least_frames)
+    return max(frames, EFFORT.least_frames) if frames > 1 else EFFORT.still_frames
 
 
 def bpp_for(stats: Sequence[FrameStats], psnr: float) -> float:

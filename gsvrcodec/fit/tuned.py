@@ -24,6 +24,7 @@ class _Effort:
         }
     )
     least_frames: int = 12  #: a GOP of fewer frames takes as many steps as one of so many
+    still_frames: int = 6  #: one frame, which has no motion to find, takes as many as so many
     least_steps: int = 100  #: of a fit
     long_gop: int = 12  #: frames from which on the ends of a GOP are shown more often
     ends_every: int = 2  #: rounds of all frames after which its ends are shown once more

@@ -14,6 +14,7 @@ from gsvrcodec.bitstream.gop_payload import pack_gop
 from gsvrcodec.encoder.chain import chain_jobs
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
+from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
 from gsvrcodec.encoder.tuned import SIZE
@@ -186,7 +187,8 @@ class TestTime:
         monkeypatch.setattr("time.perf_counter", lambda: 7.0)
         jobs = jobs_of(finished=2, seconds=10.0)
         # The clock stands still, so the last GOP gets all of it.
-        assert [job.seconds for job in jobs] == pytest.approx([10 / 2, 10])
+        steps = [visited_frames(length) for length in LENGTHS[2:]]
+        assert [job.seconds for job in jobs] == pytest.approx([10 * steps[0] / sum(steps), 10])
 
     def test_time_is_kept_for_what_gops_take_beyond_theirs(
         self, monkeypatch: pytest.MonkeyPatch
