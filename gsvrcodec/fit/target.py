@@ -119,15 +119,15 @@ class Slope(Target):
             steps: Of the whole fit; each Gaussian is worth more after many of them.
             moving: Share of the Gaussians that move.
             fitted: Gaussians that the time of the fit suffices for, by `SLOPE`'s times of each.
-                There are more where the slope wants many times as many: even half fitted they pay.
+                Where the slope wants many times as many, there are more: they pay even half fitted.
         """
         count = SLOPE.fall * error * pixels / (_gaussian_bits(moving) * self.bit)
         count *= math.pow(steps / SLOPE.steps, SLOPE.growth)
         time = SLOPE.still_time * (1 - moving) + SLOPE.moving_time * moving
-        most = fitted / time
-        if count > SLOPE.scarce * most:
-            most = math.sqrt(most * count / SLOPE.scarce)
-        return max(1, round(min(count, self.most, most)))
+        bound = fitted / time
+        if count > SLOPE.scarce * bound:
+            bound = math.sqrt(bound * count / SLOPE.scarce)
+        return max(1, round(min(count, self.most, bound)))
 
     def paid(self, losses: NDArray[np.float64], moving: float) -> float:
         """Return how well Gaussians that have come pay for their bits; 1 = as is usual.
