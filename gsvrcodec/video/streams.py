@@ -99,7 +99,7 @@ def _attempt(
             stream = container.streams[index]
             assert isinstance(stream, AudioStream | SubtitleStream)
             try:
-                file = files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115
+                file = files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115, the stack closes it
                 copies[index] = _TrialCopy(stream, _order(stream)[choice], file)
             except (av.FFmpegError, ValueError) as error:
                 _log.debug("stream %d: %s", index, error)

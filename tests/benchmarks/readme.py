@@ -117,12 +117,12 @@ def clips(results: dict[str, Json]) -> Iterator[str]:
         if found:
             pairs = [_percents(found[label]) for label in labels]
             percents.append(pairs)
-            rows.append([says, *(f"{psnr:+.0f} ({similar:+.0f})" for psnr, similar in pairs)])
+            rows.append([says, *(f"{psnr:+z.0f} ({similar:+z.0f})" for psnr, similar in pairs)])
     means = [
         tuple(fmean(pairs[column][kind] for pairs in percents) for kind in (0, 1))
         for column in range(len(labels))
     ]
-    rows.append(["mean", *(f"{psnr:+.0f} ({similar:+.0f})" for psnr, similar in means)])
+    rows.append(["mean", *(f"{psnr:+z.0f} ({similar:+z.0f})" for psnr, similar in means)])
     yield from table(["clip", "x264 medium, key 12", "x264 medium"], rows)
 
 
@@ -138,10 +138,10 @@ def against(results: dict[str, Json]) -> Iterator[str]:
     percents = [
         [_bd(points, others[label]) for label in _AGAINST] for points, others in _shot(results)
     ]
-    means = (f"{fmean(column):+.0f}" for column in zip(*percents, strict=True))
+    means = (f"{fmean(column):+z.0f}" for column in zip(*percents, strict=True))
     rows.append([f"{len(percents)} clips that people shot, mean", *means])
     columns = zip(*percents, strict=True)
-    rows.append(["best and worst", *(f"{min(c):+.0f}, {max(c):+.0f}" for c in columns)])
+    rows.append(["best and worst", *(f"{min(c):+z.0f}, {max(c):+z.0f}" for c in columns)])
     yield from table(["", *_AGAINST.values()], rows)
     speeds = [
         fmean(point["encode_fps"] for point in curve["points"])
@@ -188,7 +188,7 @@ def _bd(ours: list[tuple[float, float]], others: list[tuple[float, float]]) -> f
 
 
 def _percent(ours: list[tuple[float, float]], others: list[tuple[float, float]]) -> str:
-    return f"{_bd(ours, others):+.0f}"
+    return f"{_bd(ours, others):+z.0f}"
 
 
 def output(results: dict[str, Json]) -> Iterator[str]:

@@ -52,6 +52,8 @@ class TestNumber:
             assert slope.gaussians(10**6, 40.0, 500, moving, fitted) == round(free / share)
         # Where bits pay for fewer than there is time for, they decide.
         assert slope.gaussians(10**6, 40.0, 500, moving, 1.1 * free * time) == free
+        few = slope.gaussians(10**6, 1.0, 500, moving)
+        assert slope.gaussians(10**6, 1.0, 500, moving, 90.0) == few
 
     def test_more_where_there_is_time_for_too_few(self) -> None:
         slope = Slope(2.0, 10**9)
@@ -63,10 +65,10 @@ class TestNumber:
         assert slope.gaussians(10**6, 40.0, 500, 1.0, 0.0) == 1
 
     def test_what_stands_still_takes_less_time(self) -> None:
-        still, moving = (
-            Slope(2.0, 10**9).gaussians(10**6, 40.0, 500, share, 90.0) for share in (0, 1)
-        )
-        assert still > 3 * moving
+        slope = Slope(2.0, 10**9)
+        enough = 0.2 * slope.gaussians(10**6, 40.0, 500, 1.0) * SLOPE.moving_time
+        still, moving = (slope.gaussians(10**6, 40.0, 500, share, enough) for share in (0, 1))
+        assert still > 5 * moving
 
     def test_bounds(self) -> None:
         assert Slope(0.01, 500).gaussians(10**6, 40.0, 500, 1.0) == 500
