@@ -13,7 +13,7 @@ from gsvrcodec.bitstream.gop_payload import coded_plate, on_plate_of
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.film import Chain
 from gsvrcodec.fit.footage import Frames, some_frames
-from gsvrcodec.fit.plate import Run, Still, pays, quality_at, stays, still_in
+from gsvrcodec.fit.plate import Run, Still, drift, pays, quality_at, stays, still_in
 from gsvrcodec.fit.target import Slope, bit_worth
 from gsvrcodec.fit.tuned import PLATE, PREDICTION
 from gsvrcodec.planes import avif
@@ -94,13 +94,16 @@ class _Seen:
 
     @classmethod
     def of(cls, chain: Chain, slope: Slope, read: Read) -> Self | None:
-        """Look at some frames of a chain; None for too short a chain."""
+        """Look at some frames of a chain; None if it is too short, or the camera moves slowly."""
         frames = range(chain[0].start, chain[-1].stop)
         if len(frames) < PLATE.least_frames:
             return None
         some = some_frames(len(frames), PLATE.frames)
         pictures = read([frames[n] for n in some])
         still = still_in(pictures)
+        drifts = still.share >= PLATE.mostly and drift(still, pictures[0], pictures[-1])
+        if drifts >= PLATE.drifting_px:
+            return None
         shown, bit = slope.lasting * len(chain[0]), bit_worth(slope.qscale)
         several = len(chain) > 1 and still.share >= PLATE.kept
         lasts = not several or stays(pictures, still.picture) >= PREDICTION.kept

@@ -39,6 +39,32 @@ def shows(frames: Frames, plate: Picture) -> bool:
     return _share(plate, seen >= PLATE.usual * len(own)) >= PLATE.kept
 
 
+def drift(still: Still, first: Picture, last: Picture) -> float:
+    """Return how far what seems to stand still has moved from one picture to another.
+
+    A camera that moves by a pixel or two in a GOP changes smooth things by less than noise does.
+
+    Args:
+        still: What seems to stand still.
+        first: (H, W, 3).
+        last: (H, W, 3).
+
+    Returns:
+        Root mean square motion of these places by an affine map, px; 0 where none is found.
+    """
+    alike = still.where & ~differs(first, still.picture) & ~differs(last, still.picture)
+    one, other = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (first, last))
+    start = np.eye(2, 3, dtype=np.float32)
+    how = cv2.MOTION_AFFINE, (cv2.TERM_CRITERIA_COUNT, PLATE.drift_steps, 0.0)
+    try:
+        _, found = cv2.findTransformECC(one, other, start, *how, _mask(alike), 5)
+    except cv2.error:  # they have nothing in common, or nothing to see
+        return 0.0
+    y, x = np.nonzero(alike)
+    motion = np.stack([x, y, np.ones_like(x)], axis=-1) @ (found - np.eye(2, 3)).T
+    return float(np.sqrt(np.square(motion).sum(axis=-1).mean()))
+
+
 def stays(pictures: Frames, plate: Picture) -> float:
     """Return the share of what is before a plate that stays from one picture to the next.
 

@@ -66,6 +66,8 @@ class _Plate:
     mostly: float = 0.6  #: the same, in a chain of which other parts do not
     #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
     kept: float = 0.2
+    drifting_px: float = 0.75  #: motion of what seems to stand still from which it does not, px
+    drift_steps: int = 3  #: most steps of the search for that motion
     least_bits: float = 1.0  #: bits a pixel below which Gaussians do better, but for what lasts
     #: the same for what lasts: a plate may not expand to more than the format allows
     empty_bits: float = 0.01

@@ -23,7 +23,7 @@ from gsvrcodec.errors import UnsupportedError
 from gsvrcodec.fit.target import Slope
 from gsvrcodec.limits import Limits
 from gsvrcodec.report.spending import spending
-from tests.fit.test_plate import Frames, curtain, film, texture
+from tests.fit.test_plate import Frames, curtain, film, panned, texture
 from tests.making import psnr, write_video
 from tests.tampering import patched
 
@@ -175,6 +175,11 @@ class TestChainPlates:
     def test_what_has_no_slope_has_no_plate(self) -> None:
         assert self.of(film(), slopes=[None]) == ([None], [0])
         assert self.of(film()[:5]) == ([None], [0])
+
+    def test_none_before_a_camera_that_moves_slowly(self) -> None:
+        (still, moves), _ = self.of(panned(0.2, 12), panned(1.5, 12), share=False)
+        assert still is not None
+        assert moves is None
 
     def test_it_is_renewed_when_its_age_costs_more_than_another(self) -> None:
         """The ground becomes another one, a little from chain to chain."""

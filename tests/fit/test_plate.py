@@ -11,6 +11,7 @@ from gsvrcodec.fit.plate import (
     Run,
     Still,
     differs,
+    drift,
     most_usual,
     pays,
     quality_at,
@@ -77,6 +78,40 @@ def test_noise_goes() -> None:
 def test_a_moving_camera_has_none() -> None:
     wide = texture(width=300)
     assert still_in(np.stack([wide[:, 3 * n : 3 * n + 160] for n in range(12)])).share < 0.1
+
+
+def panned(by: float, count: int = 9) -> Frames:
+    """A smooth picture behind a grey box, before a camera that moves right by some px in all."""
+    ground = cv2.GaussianBlur(texture(width=200).astype(np.float32), (0, 0), 4)
+    ground = (ground - ground.mean()) * 4 + 128
+    frames = film(count)
+    for n, frame in enumerate(frames):
+        map_to = np.array([[1, 0, -20 - by * n / (count - 1)], [0, 1, 0]], np.float32)
+        moved = cv2.warpAffine(ground, map_to, (160, 96))
+        box = (frame == 128).all(axis=2)[..., None]
+        frame[:] = np.where(box, 128, np.clip(moved, 0, 255).round())
+    return frames
+
+
+@pytest.mark.parametrize("by", [0.0, 0.4, 1.5, -1.5])
+def test_a_camera_that_moves_slowly(by: float) -> None:
+    frames = panned(by)
+    still = still_in(frames)
+    assert still.share > 0.75  # so it seems
+    assert drift(still, frames[0], frames[-1]) == pytest.approx(abs(by), abs=0.15)
+
+
+def test_what_moves_before_a_locked_camera_is_no_drift() -> None:
+    frames = film()
+    assert drift(still_in(frames), frames[0], frames[-1]) < 0.05
+
+
+@pytest.mark.parametrize("first", [film()[0], np.full_like(film()[0], 128)])
+def test_where_nothing_is_to_be_seen_nothing_drifts(first: NDArray[np.uint8]) -> None:
+    flat = np.full_like(first, 128)
+    for where in False, True:
+        still = Still(flat, np.full(flat.shape[:2], where), 1.0)
+        assert drift(still, first, flat) == 0
 
 
 def test_where() -> None:
