@@ -101,8 +101,8 @@ class _Seen:
         some = some_frames(len(frames), PLATE.frames)
         pictures = read([frames[n] for n in some])
         still = still_in(pictures)
-        drifts = still.share >= PLATE.mostly and drift(still, pictures[0], pictures[-1])
-        if drifts >= PLATE.drifting_px:
+        ends = pictures[0], pictures[-1]
+        if still.share >= PLATE.mostly and drift(still, *ends) >= PLATE.drifting_px:
             return None
         shown, bit = slope.lasting * len(chain[0]), bit_worth(slope.qscale)
         several = len(chain) > 1 and still.share >= PLATE.kept
