@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Self
@@ -60,9 +61,14 @@ def drift(still: Still, first: Picture, last: Picture) -> float:
         _, found = cv2.findTransformECC(one, other, start, *how, _mask(alike), 5)
     except cv2.error:  # they have nothing in common, or nothing to see
         return 0.0
-    y, x = np.nonzero(alike)
-    motion = np.stack([x, y, np.ones_like(x)], axis=-1) @ (found - np.eye(2, 3)).T
-    return float(np.sqrt(np.square(motion).sum(axis=-1).mean()))
+    motion = found - np.eye(2, 3)
+    m = cv2.moments(_mask(alike), binaryImage=True)  # sums of x^i y^j over these places
+    places = [
+        [m["m20"], m["m11"], m["m10"]],
+        [m["m11"], m["m02"], m["m01"]],
+        [m["m10"], m["m01"], m["m00"]],
+    ]
+    return math.sqrt(np.trace(motion @ places @ motion.T) / m["m00"])
 
 
 def stays(pictures: Frames, plate: Picture) -> float:
