@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from typing import Any, Self
 
 import numpy as np
@@ -125,9 +126,12 @@ def first_pass(
         return replace(found, crf=min(max(found.crf, crf - SIZE.near), crf + SIZE.near))
     quick = replace(settings, preset=_QUICKER[settings.preset])
     share = 1.0 if quick == settings else SIZE.effort
-    for _ in range(SIZE.passes):
+    for number in count(1):
         wanted = measure(quick.at_quality(crf)).for_size(room, share)
-        if abs(wanted.crf - crf) < SIZE.near:
+        most, near = SIZE.passes, SIZE.near
+        if any(wanted.plates):
+            most, near = SIZE.passes_plates, SIZE.near_plates
+        if number == most or abs(wanted.crf - crf) < near:
             break
         crf = wanted.crf
     return wanted

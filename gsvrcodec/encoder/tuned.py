@@ -98,7 +98,9 @@ class _Size:
 
     time: float = 0.2  #: time of a first pass / time budget
     passes: int = 2  #: most first passes
+    passes_plates: int = 3  #: the same where there are plates, whose bytes come in coarse steps
     near: float = 2.5  #: CRF by which the last of them may differ from what it finds
+    near_plates: float = 1.0  #: the same where there are plates
     effort: float = 0.92  #: bytes of GOPs without plates / those of a first pass of less effort
     head_bytes: int = 250  #: of the payload of a GOP that do not depend on the qscale
     plate_power: float = 0.65  #: bytes of plates fall by the qscale to the power of minus this

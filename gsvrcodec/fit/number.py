@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gsvrcodec.fit.footage import Footage, some_frames
 from gsvrcodec.fit.parameters import Parameters
-from gsvrcodec.fit.plate import differs
+from gsvrcodec.fit.plate import mendable
 from gsvrcodec.fit.relocate import losses
 from gsvrcodec.fit.start import over_channels
 from gsvrcodec.fit.target import Slope
@@ -106,6 +106,6 @@ def _squared_error(parameters: Parameters, footage: Footage) -> float:
         squares = over_channels(np.square(cv2.absdiff(picture, frames[index]), dtype=np.float32))
         share = weight / (weight + behind + GROUND)
         if usual is not None:
-            share = np.maximum(share, differs(frames[index], usual))
+            share = mendable(share, frames[index], usual)
         errors.append(float((squares / 3 * share).mean()))
     return fmean(errors)

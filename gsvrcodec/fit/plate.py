@@ -145,6 +145,20 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
     return np.asarray(cv2.max(cv2.max(red, green), blue) >= PLATE.differing)
 
 
+def mendable(share: Float32Array, frame: Picture, usual: Picture) -> Float32Array:
+    """Return which part of the error of a pixel Gaussians in front of a plate can mend, (H, W).
+
+    Where the frame differs from the plate that is all of it, elsewhere their share: the rest is an
+    error of the plate, which is coded as well as it pays.
+
+    Args:
+        share: (H, W) of the Gaussians in the weights.
+        frame: (H, W, 3) that is wanted.
+        usual: (H, W, 3) the plate alone.
+    """
+    return np.maximum(share, differs(frame, usual))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
     """What stands still in several chains, one after another."""

@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Footage, Frames, Moving, some_frames
+from gsvrcodec.fit.footage import Footage, Frames, Moving, Picture, some_frames
 from gsvrcodec.fit.parameters import Parameters
+from gsvrcodec.fit.plate import mendable
 from gsvrcodec.fit.tuned import EFFECT, RELOCATION
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import arrays_of, look_at
-from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY
+from gsvrcodec.model.reconstruction import GROUND, MOST_LOG_OPACITY, PLATE_WEIGHT
 from gsvrcodec.model.static import append_gaussians
 from gsvrcodec.native import _core
 from gsvrcodec.render.backend import Backend, Size
@@ -138,7 +140,7 @@ def move_weakest(
         if index in looked_at:
             found += effects(gop, [(tau, sums)], coded_size, parameters.backend)
         weights.append(sums[..., 3] + GROUND)
-        errors.append(_error(sums, frames[index]))
+        errors.append(_error(sums, frames[index], parameters.backend.plate))
     weakest = np.argsort(found, kind="stable")[:count]
     bounds = np.cumsum([error.sum(dtype=np.float64) for error in errors])
     bounds = (bounds / bounds[-1] * count).round().astype(np.intp)
@@ -188,10 +190,15 @@ def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.i
     return order
 
 
-def _error(sums: Float32Array, wanted: Frames) -> Float32Array:
-    """Squared error around each pixel, (h, w), above zero; of sums (h, w, 4)."""
+def _error(sums: Float32Array, wanted: Picture, plate: Plate | None) -> Float32Array:
+    """Squared error around each pixel that Gaussians can mend, (h, w), above zero; of (h, w, 4)."""
     squares = np.empty(sums.shape[:2], np.float32)
     _core.pixel_errors(sums, wanted, squares)
+    if plate is not None:
+        share = 1 - np.float32(PLATE_WEIGHT) / (sums[..., 3] + np.float32(GROUND))
+        size = wanted.shape[1::-1]
+        usual = np.asarray(cv2.resize(plate.shown(), size, interpolation=cv2.INTER_AREA), np.uint8)
+        squares *= mendable(share, wanted, usual)
     # In place: new memory would take longer than the filter.
     cv2.boxFilter(squares, -1, 2 * (RELOCATION.error_box_px,), dst=squares)
     return np.maximum(squares, np.float32(1e-6), out=squares)

@@ -25,18 +25,18 @@ Number = TypeVar("Number", np.int16, np.float32)
 
 def density(frames: Frames) -> NDArray[np.float64]:
     """Density of Gaussians over all frames: (H, W), sums to 1; high where detail is."""
-    return _density(map(gradient, frames))
+    return _density(map(gradient, frames), START.gradient_share)
 
 
 def density_over(frames: Frames, plate: Picture) -> NDArray[np.float64]:
     """Density of Gaussians in front of a plate, (H, W, 3): high where frames differ from it."""
-    return _density(_differing(frame, plate) for frame in frames)
+    return _density((_differing(frame, plate) for frame in frames), START.differing_share)
 
 
-def _density(details: Iterable[Float32Array]) -> NDArray[np.float64]:
+def _density(details: Iterable[Float32Array], share: float) -> NDArray[np.float64]:
     total = reduce(np.add, details)
     detail: NDArray[np.float64] = np.asarray(cv2.boxFilter(total, -1, (5, 5)), np.float64)
-    share = START.gradient_share if detail.any() else 0.0
+    share *= bool(detail.any())
     return detail * (share / max(float(detail.sum()), 1e-12)) + (1.0 - share) / detail.size
 
 

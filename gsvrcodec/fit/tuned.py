@@ -43,6 +43,7 @@ class _Start:
     """Where Gaussians start."""
 
     gradient_share: float = 0.7  #: fraction of the Gaussians spread by gradient, the rest evenly
+    differing_share: float = 0.95  #: the same in front of a plate, by how far frames differ from it
     spread: float = 0.45  #: standard deviation of a Gaussian, in distances to its neighbours
     sigma_range: tuple[float, float] = (0.6, 20.0)  #: px
     hole_share: float = 0.2  #: most Gaussians that start in the first frame, and in the last

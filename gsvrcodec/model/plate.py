@@ -35,8 +35,13 @@ class Plate:
         return Plate, (self.ycc,)
 
     def shown(self) -> NDArray[np.uint8]:
-        """Return the plate alone, at the coded size, (H, W, 3) RGB."""
-        return np.rint(np.clip(self.colours, 0, 1) * 255).astype(np.uint8)
+        """Return the plate alone, at the coded size, (H, W, 3) RGB, which is kept."""
+
+        def codes() -> NDArray[np.uint8]:
+            return np.rint(np.clip(self.colours, 0, 1) * 255).astype(np.uint8)
+
+        shown: NDArray[np.uint8] = self.held(self.size, "shown", codes)
+        return shown
 
     def sums(self, size: tuple[int, int]) -> Float32Array:
         """Return what the plate adds to the sums of a frame: (H, W, 4), weighted colours, weights.

@@ -116,15 +116,17 @@ class TestTaken:
 class TestFirstPass:
     found: Taken
 
-    def passes(self, guess: float, power: float, **settings: Any) -> list[EncodeSettings]:
-        """Return the passes for the half of what a film takes at CRF 26."""
+    def passes(
+        self, guess: float, power: float, plate: int = 0, **settings: Any
+    ) -> list[EncodeSettings]:
+        """Return the passes for the half of what a film takes at CRF 26, but for a plate."""
         asked: list[EncodeSettings] = []
 
         def measure(settings: EncodeSettings) -> Taken:
             asked.append(settings)
             assert settings.crf is not None
             size = round(100_000 * qscale_of(settings.crf) ** -power)
-            return Taken(settings.crf, (0,), (size,), (False,))
+            return Taken(settings.crf, (plate,), (size,), (False,))
 
         self.found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
         assert self.found.total == pytest.approx(50_000, abs=2)
@@ -140,6 +142,13 @@ class TestFirstPass:
         assert first.crf == guess
         assert second.crf is not None
         assert abs(second.crf - 29.4) < 3.5
+
+    def test_plates_are_met_more_nearly(self) -> None:
+        *_, last = self.passes(20.0, 1.4, plate=5_000)
+        assert last.crf is not None
+        assert abs(self.found.crf - last.crf) < SIZE.near_plates
+        # One of 20 000 bytes, whatever the quality, is never met.
+        assert len(self.passes(20.0, 0.2, plate=20_000)) == SIZE.passes_plates
 
     def test_it_takes_a_part_of_the_time(self) -> None:
         (quick,) = self.passes(28.0, SIZE.power, time_budget=2.0)

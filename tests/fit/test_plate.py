@@ -12,6 +12,7 @@ from gsvrcodec.fit.plate import (
     Still,
     differs,
     drift,
+    mendable,
     most_usual,
     pays,
     quality_at,
@@ -117,6 +118,12 @@ def test_where_nothing_is_to_be_seen_nothing_drifts(first: NDArray[np.uint8]) ->
 def test_where() -> None:
     assert not differs(film()[0], texture())[60:].any()
     assert differs(film()[0], texture())[40, 10]
+
+
+def test_what_gaussians_can_mend() -> None:
+    part = mendable(np.full(texture().shape[:2], 0.25, np.float32), film()[0], texture())
+    assert part[40, 10] == 1
+    assert (part[60:] == 0.25).all()
 
 
 def curtain(share: float, count: int = 9) -> Frames:

@@ -12,7 +12,9 @@ from gsvrcodec.fit.relocate import effects, relocate, sums_at
 from gsvrcodec.fit.start import content_aware
 from gsvrcodec.fit.tuned import RELOCATION
 from gsvrcodec.metrics import squared_error
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.reconstruction import GROUND
+from gsvrcodec.planes import avif
 from gsvrcodec.render import render_frames
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, times
 
@@ -53,6 +55,31 @@ def test_the_weakest_move_to_the_error(deform: Deform) -> None:
     assert differs[:, :34, :54].max() <= 3
     before_it, after_it = (squared_error(one.astype(np.uint8), wanted) for one in (shown, now))
     assert after_it < 0.8 * before_it
+
+
+def test_before_a_plate_they_go_where_it_is_hidden() -> None:
+    """Its own errors, which are larger in all, are left to it."""
+    plate, frames = a_plate_and_what_hides_it()
+    backend = BACKEND.over(plate)
+    start = content_aware(footage(frames), 200, (0, 0, 0), None, np.random.default_rng(0), backend)
+    start.log_opacity[:] = -11  # the plate shows
+    parameters = Parameters(start, "polynomial", backend)
+    shown = backend.render(backend.prepare(start), times(3), SIZE, SIZE).astype(int)
+    errors = np.square(shown - frames).sum(axis=-1)
+    assert errors[:, 20:44, 30:66].sum() < errors.sum() / 2
+    _, moved = relocate(parameters, frames, times(3), SIZE, np.random.default_rng(1), 0.5)
+    x, y = ((parameters.gop().position[moved] + 1) / 2 * SIZE).T
+    assert moved.sum() == 100
+    assert ((x > 26) & (x < 70) & (y > 16) & (y < 48)).mean() > 0.9
+
+
+def a_plate_and_what_hides_it() -> tuple[Plate, Frames]:
+    """A plate that is coded badly, and a grey box before it."""
+    texture = moving_texture(1, (0, 0), SIZE)[0]
+    plate = Plate(avif.decode(avif.encode(texture, 45), SIZE))
+    frames = np.stack([texture] * 3)
+    frames[:, 20:44, 30:66] = np.clip(plate.shown()[20:44, 30:66].astype(int) + 10, 0, 255)
+    return plate, frames
 
 
 def test_a_moved_gaussian_has_the_colour_of_its_pixel() -> None:

@@ -14,7 +14,9 @@ from gsvrcodec.fit.start import affordable, content_aware
 from gsvrcodec.fit.tuned import TRIPLANE
 from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import Gop, GridSize
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.reconstruction import Blending
+from gsvrcodec.planes import avif
 from gsvrcodec.render import render_frames
 from tests import making
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture, sample
@@ -139,3 +141,13 @@ class TestRandomStart:
         frames = np.zeros((1, 1, 1, 3), np.uint8)
         gop = random_start(frames, 1, (32, 16, 1), np.random.default_rng(0))
         assert_shapes(gop, 1, (32, 16, 1))
+
+
+def test_before_a_plate_they_start_where_it_is_hidden() -> None:
+    plate = Plate(avif.decode(avif.encode(moving_texture(1, (0, 0), (96, 64))[0], 90), None))
+    frames = np.stack([plate.shown()] * 3)
+    frames[:, 20:44, 30:66] = 128
+    backend = BACKEND.over(plate)
+    gop = content_aware(footage(frames), 400, (0, 0, 0), None, np.random.default_rng(0), backend)
+    x, y = ((gop.position + 1) / 2 * (96, 64)).T
+    assert ((x > 26) & (x < 70) & (y > 16) & (y < 48)).mean() > 0.9
