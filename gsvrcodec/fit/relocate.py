@@ -191,7 +191,13 @@ def reorder(parameters: Parameters, coded_size: tuple[int, int]) -> NDArray[np.i
 
 
 def _error(sums: Float32Array, wanted: Picture, plate: Plate | None) -> Float32Array:
-    """Squared error around each pixel that Gaussians can mend, (h, w), above zero; of (h, w, 4)."""
+    """Squared error around each pixel, (h, w), above zero: what Gaussians can mend of it.
+
+    Args:
+        sums: (h, w, 4) that the picture is made of.
+        wanted: (h, w, 3) the frame.
+        plate: Behind the Gaussians; None = nothing.
+    """
     squares = np.empty(sums.shape[:2], np.float32)
     _core.pixel_errors(sums, wanted, squares)
     if plate is not None:

@@ -35,10 +35,12 @@ class Plate:
         return Plate, (self.ycc,)
 
     def shown(self) -> NDArray[np.uint8]:
-        """Return the plate alone, at the coded size, (H, W, 3) RGB, which is kept."""
+        """Return the plate alone, at the coded size, (H, W, 3) RGB; the array is read-only."""
 
         def codes() -> NDArray[np.uint8]:
-            return np.rint(np.clip(self.colours, 0, 1) * 255).astype(np.uint8)
+            codes = np.rint(np.clip(self.colours, 0, 1) * 255).astype(np.uint8)
+            codes.setflags(write=False)
+            return codes
 
         shown: NDArray[np.uint8] = self.held(self.size, "shown", codes)
         return shown

@@ -74,7 +74,7 @@ def test_before_a_plate_they_go_where_it_is_hidden() -> None:
 
 
 def a_plate_and_what_hides_it() -> tuple[Plate, Frames]:
-    """A plate that is coded badly, and a grey box before it."""
+    """A plate that is coded badly, and a lighter box before it."""
     texture = moving_texture(1, (0, 0), SIZE)[0]
     plate = Plate(avif.decode(avif.encode(texture, 45), SIZE))
     frames = np.stack([texture] * 3)
