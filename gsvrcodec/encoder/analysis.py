@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gsvrcodec.encoder.paths import Paths
 from gsvrcodec.encoder.tuned import ANALYSIS
 from gsvrcodec.fit.motion import FlowEstimator, FlowField, Image, lengths, resize
 from gsvrcodec.fit.start import density
@@ -31,6 +32,9 @@ class FrameStats:
     #: lie, for pictures of each of `ANALYSIS.qualities`
     changed: tuple[float, ...] = (1.0,) * len(ANALYSIS.qualities)
     fast: float = 0.0  #: length of the flow that 1 % of the pixels exceed, px of the analysed frame
+    #: what one moving picture leaves of the frames of a GOP that ends with this one: mean squared
+    #: error for each of `PATHS.lengths` up to the start of the shot, squared 8-bit codes; or empty
+    left: tuple[float, ...] = ()
 
     def changed_at(self, psnr: float) -> float:
         """Return the fraction that is not as it was, for pictures of a quality, dB."""
@@ -54,7 +58,10 @@ class Analysis:
     def from_json(cls, value: Any) -> Analysis | None:
         """Return an analysis from JSON; None if it has another shape."""
         with suppress(KeyError, TypeError):
-            frames = (frame | {"changed": tuple(frame["changed"])} for frame in value["stats"])
+            several = ("changed", "left")
+            frames = (
+                frame | {name: tuple(frame[name]) for name in several} for frame in value["stats"]
+            )
             numbers = [tuple(map(index, value[name])) for name in ("pts", "durations", "checksums")]
             found = cls(tuple(FrameStats(**frame) for frame in frames), *numbers)
             if {len(found.stats)} == {len(found.pts), len(found.durations)}:
@@ -72,10 +79,12 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
     shot: deque[Image] = deque(maxlen=ANALYSIS.lag)  # the last frames before, since a cut
     previous: Image | None = None
     usual: float | None = None  # running mean of the difference between frames of a shot
+    paths = Paths()
     for frame in frames:
         small = resize(frame, ANALYSIS.height)
         detail = _detail(small)
         if previous is None:
+            paths.add(small, None)
             yield FrameStats(0.0, True, 0.0, detail)
         else:
             difference = float(cv2.absdiff(previous, small).mean())
@@ -86,13 +95,16 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
             )
             if cut:
                 shot.clear()
+                paths = Paths()
+                paths.add(small, None)
                 yield FrameStats(0.0, True, 0.0, detail)
             else:
                 flow = estimate(previous, small)
                 missed, length = _missed(previous, small, flow), lengths(flow)
                 motion, fast = float(length.mean()), float(np.percentile(length, 99))
                 changed = _changed(shot[0], small, missed)
-                yield FrameStats(motion, False, float(missed.mean()), detail, changed, fast)
+                left = paths.add(small, flow)
+                yield FrameStats(motion, False, float(missed.mean()), detail, changed, fast, left)
             usual = None if cut else difference if usual is None else (usual + difference) / 2
         previous = small
         shot.append(small)

@@ -105,7 +105,7 @@ class EncodeSettings:
     profile: Profile = "main"  #: "paper" = the publication as it stands, for comparison
     deform: Deform = "hybrid"  #: parts of the deformation field in use
     gop: int | Literal["adaptive"] = "adaptive"  #: frames in a GOP, or by motion
-    gop_min: int = 6  #: shortest adaptive GOP between cuts, frames
+    gop_min: int = 4  #: shortest adaptive GOP between cuts, frames
     gop_max: int | None = None  #: longest adaptive GOP, frames; None = the longer the fewer bits
     #: longest time from one key GOP, or one that needs another for its plate alone, to the next,
     #: seconds; 0 = every GOP is a key GOP
@@ -218,7 +218,8 @@ class EncodeSettings:
         """
         predicts = self.profile == "main" and self.params is None
         keyint, parted = self.keyint * predicts, self.quality is not None
-        return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted)
+        by_motion = self.profile == "paper"
+        return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted, by_motion)
 
     @property
     def execution(self) -> Execution:

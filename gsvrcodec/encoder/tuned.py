@@ -20,11 +20,22 @@ class _Analysis:
     visible: float = 2.0  #: squared difference / error of the quality from which it counts in full
     qualities: tuple[float, ...] = (28.0, 32.0, 36.0, 40.0, 44.0)  #: that it is told for, dB
     rest: float = 0.1  #: motion of the fastest of a frame that is as the one before, at most, px
-    threshold: float = 24.0  #: accumulated motion at which a GOP ends, px of the analysed frame
     #: a cut changes the picture at once, by all three
     cut_correlation: float = 0.75  #: correlation of the histograms of two frames, below
     cut_difference: float = 18.0  #: mean difference of two frames, above; 8-bit codes
     cut_ratio: float = 4.0  #: mean difference / usual mean difference, above
+
+
+@dataclass(frozen=True, slots=True)
+class _Paths:
+    """Quadratic paths of points, and what pictures along them leave of the frames of a GOP."""
+
+    spacing: int = 8  #: of the points, px of the analysed frame
+    grid: int = 2  #: frames from one first frame to the next; the lengths are multiples of it
+    #: frames of GOPs that it is told for
+    lengths: tuple[int, ...] = (4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128)
+    #: frames after the first one that are looked at
+    looks: tuple[int, ...] = (1, 2, 3, 5, 7, 9, 11, 15, 19, 23, 31, 39, 47, 63, 79, 95, 127)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +47,18 @@ class _Lookahead:
 
 @dataclass(frozen=True, slots=True)
 class _GopLength:
-    """Longest adaptive GOP."""
+    """Adaptive GOPs."""
 
-    shortest: int = 32  #: frames, at a high rate
-    longest: int = 128  #: frames, at a low rate
-    frames_bpp: float = 3.2  #: frames of the longest GOP x bpp, between the two
+    shortest: int = 32  #: frames of the longest at a high rate
+    longest: int = 128  #: the same at a low rate
+    frames_bpp: float = 2.0  #: the same x bpp, between the two
+    #: squared error that the bits of a GOP save elsewhere at qscale 1 / root of its frames over
+    #: their change, and the next power of their detail
+    price: float = 0.2
+    detail_power: float = 1.5
+    height: int = 720  #: rows of films for which it holds; where there are more, it is the less
+    changed_power: float = 2.0  #: by which it falls with the part that changes, where most lasts
+    motion: float = 24.0  #: accumulated motion at which a published GOP ends, px
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +91,6 @@ class _Crf:
 class _Chain:
     """Key GOPs and the GOPs predicted from them."""
 
-    longest: int = 24  #: longest predicted GOP, frames
-    threshold: float = 16.0  #: motion at which a predicted GOP ends, px of the analysed frame
-    longer_bpp: float = 0.045  #: rate below which both are larger
-    longer: float = 2.0  #: cap on the factor of the motion
-    longest_power: float = 2.4  #: power of that factor by which the frames are larger
-    shorter_bpp: float = 0.08  #: rate above which the motion is smaller
-    shorter: float = 0.5  #: least factor of the motion
     fast: float = 0.8  #: motion of a frame above which a chain always pays, px
     worth: float = 0.9  #: cap on bits of a chain of slower motion / bits of key GOPs in its place
     fast_share: float = 0.3  #: motion added to a frame / motion of its fastest 1 %
@@ -122,6 +133,7 @@ class _Processes:
 
 
 ANALYSIS = _Analysis()
+PATHS = _Paths()
 LOOKAHEAD = _Lookahead()
 GOP_LENGTH = _GopLength()
 RATE = _Rate()
