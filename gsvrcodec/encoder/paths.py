@@ -15,6 +15,10 @@ from gsvrcodec.fit.motion import FlowField, Image
 from gsvrcodec.model.gop import Float32Array
 
 
+#: Frames / frames of a GOP for which a point is in the picture, where it never is.
+_NEVER = 1e-9
+
+
 class _Fit(NamedTuple):
     """How quadratic paths are found for GOPs of one length."""
 
@@ -87,11 +91,13 @@ class Paths:
         paths = np.tensordot(fit.projection, places, 1).astype(np.float32)
         pictures = (self._pictures[offset - length] for offset in fit.offsets)
         seen = np.stack([_at(*pair) for pair in zip(pictures, paths, strict=True)])
-        seen = seen.astype(np.float32)
-        mean = np.tensordot(fit.weights, seen, 1)
+        sides = np.reshape(self._pictures[-1].shape[::-1], (2, 1, 1))
+        inside = (np.abs(2 * paths + 1 - sides) <= sides).all(axis=1)
+        weights = fit.weights[:, None, None] * inside
+        mean = (weights * seen).sum(axis=0) / np.maximum(weights.sum(axis=0), _NEVER)
+        squares = (weights * np.square(seen - mean)).sum() / max(weights.sum(), _NEVER)
         # As of a sample: noise alone has the same variance in GOPs of any length.
-        degrees = 1 - np.square(fit.weights).sum()
-        return float(fit.weights @ np.square(seen - mean).mean(axis=(1, 2)) / degrees)
+        return float(squares / (1 - np.square(fit.weights).sum()))
 
 
 @cache
