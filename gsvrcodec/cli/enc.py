@@ -201,7 +201,7 @@ def main(args: Sequence[str] | None = None) -> int:
     type=click.IntRange(min=1),
     default=_DEFAULTS.gop_max,
     metavar="N",
-    help="Longest adaptive GOP, frames; by default 24 to 127, without prediction 32 to 128.",
+    help="Longest adaptive GOP, frames; by default 32 to 128, the longer the fewer bits.",
 )
 @click.option(
     "--keyint",

@@ -173,7 +173,9 @@ def divided(
 
     def new(span: range) -> float:
         """Bits of GOPs of a chain / bits of key GOPs, as far as they tell how long GOPs are."""
-        return changed(span) ** GOP_LENGTH.changed_power if lasts(span) else 1.0
+        if not lasts(span):
+            return 1.0
+        return math.pow(max(CHAIN.idle_bits, changed(span)), GOP_LENGTH.changed_power)
 
     return slice_gops(stats, structure.gop, bounds, chained, pays, lasts, new)
 

@@ -92,6 +92,7 @@ def _by_motion(stats: Sequence[FrameStats], lengths: NDArray[np.intp], longest: 
 
     def costs(end: int) -> NDArray[np.float64]:
         own = total[end + len(lengths)] - total[end : end + len(lengths)][::-1]
-        return len(stats) + np.square(own) + len(stats) ** 2 * np.maximum(0.0, own - 1 - 1e-9)
+        excess = np.maximum(0.0, own - 1 - 1e-9)
+        return np.asarray(len(stats) + np.square(own) + len(stats) ** 2 * excess)
 
     return costs

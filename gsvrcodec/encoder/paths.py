@@ -14,7 +14,6 @@ from gsvrcodec.encoder.tuned import PATHS
 from gsvrcodec.fit.motion import FlowField, Image
 from gsvrcodec.model.gop import Float32Array
 
-
 #: Frames / frames of a GOP for which a point is in the picture, where it never is.
 _NEVER = 1e-9
 
@@ -33,7 +32,7 @@ class _Points:
 
     def __init__(self, height: int, width: int) -> None:
         y, x = (
-            np.arange(min(PATHS.spacing, side) // 2, side, PATHS.spacing, np.float32)
+            np.arange(min(PATHS.spacing, side) // 2, side, PATHS.spacing, dtype=np.float32)
             for side in (height, width)
         )
         self._frames = 0
@@ -97,7 +96,7 @@ class Paths:
         mean = (weights * seen).sum(axis=0) / np.maximum(weights.sum(axis=0), _NEVER)
         squares = (weights * np.square(seen - mean)).sum() / max(weights.sum(), _NEVER)
         # As of a sample: noise alone has the same variance in GOPs of any length.
-        return float(squares / (1 - np.square(fit.weights).sum()))
+        return round(float(squares / (1 - np.square(fit.weights).sum())), 2)
 
 
 @cache
@@ -112,9 +111,9 @@ def _fit(length: int) -> _Fit:
     return _Fit(tuple(offsets.tolist()), weights, projection)
 
 
-def _at(image: NDArray[np.generic], places: Float32Array) -> NDArray[np.generic]:
+def _at(image: Image | FlowField, places: Float32Array) -> Float32Array:
     """Values of an image, (H, W, ...), at places (2, Y, X)."""
-    values: NDArray[np.generic] = cv2.remap(
+    values = cv2.remap(
         image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return values
+    return np.asarray(values, np.float32)

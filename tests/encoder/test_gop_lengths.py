@@ -90,7 +90,7 @@ class TestPaths:
     def test_dear_gops_are_longer(self) -> None:
         def count(bits: float = 1.0, detail: float = 400.0, price: float = 1.0) -> int:
             limits = replace(BOUNDS, price=price * GOP_LENGTH.price)
-            return len(adaptive(leaving(3.0, detail=detail), limits, bits))
+            return len(adaptive(leaving(6.0, detail=detail), limits, bits))
 
         usual = count()
         assert count(price=4.0) == count(bits=4.0) < usual < count(bits=0.25) == count(price=0.25)

@@ -35,7 +35,7 @@ def test_what_follows_the_flow_leaves_nothing() -> None:
     frames = moving_texture(24, (2, 1), (320, 180))
     still, moving = followed(frames)[-1], followed(frames, (2, 1))[-1]
     assert max(moving) < 0.02 * min(still)
-    assert max(followed(frames[:1].repeat(24, axis=0))[-1]) == 0
+    assert max(followed(frames[:1].repeat(24, axis=0))[-1]) < 1e-6
 
 
 def test_places_are_quadratic() -> None:

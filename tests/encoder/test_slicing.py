@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Literal
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.film import Chain, ChainLimits, GopLimits, slice_gops
+from gsvrcodec.encoder.film import Chain, slice_gops
+from gsvrcodec.encoder.gop_lengths import GopLimits
 
 STATS = st.lists(
     st.builds(
@@ -65,29 +65,9 @@ class TestSliceGops:
             if fewest * minimum <= frames:
                 assert min(lengths) >= minimum
 
-    def test_more_motion_makes_more_gops(self) -> None:
-        def gops(motion: float) -> int:
-            stats = [FrameStats(0.0, True), *[FrameStats(motion, False)] * 95]
-            return len(slice_gops(stats, "adaptive", GopLimits(4, 32)))
-
-        counts = [gops(motion) for motion in (0, 0.5, 1, 2, 4, 8)]
-        assert counts == sorted(counts)
-        assert counts[0] == 3
-        assert counts[-1] > 6
-
-    def test_what_is_fast_before_a_still_picture_makes_more_gops(self) -> None:
-        def gops(changed: float, fast: float, share: float = 0.15) -> int:
-            frame = FrameStats(0.1, False, changed=(changed,) * 5, fast=fast)
-            return len(slice_gops([frame] * 96, "adaptive", GopLimits(4, 32, fast_share=share)))
-
-        assert gops(0.1, 0.0) < gops(0.1, 10.0) < gops(0.1, 40.0)
-        # Where all changes, short GOPs are dear.
-        assert gops(1.0, 40.0) == gops(0.1, 0.0)
-        assert gops(0.1, 40.0, share=0.0) == gops(0.1, 0.0)
-
     def test_no_frames(self) -> None:
         assert slice_gops([], "adaptive", GopLimits(12, 32)) == []
-        assert slice_gops([], 5, GopLimits(1, 1), ChainLimits(9, GopLimits(1, 1))) == []
+        assert slice_gops([], 5, GopLimits(1, 1), 9) == []
 
 
 class TestChains:
@@ -112,7 +92,7 @@ class TestChains:
         longest: int,
     ) -> None:
         limits = GopLimits(minimum, 16)
-        chains = slice_gops(stats, gop, limits, ChainLimits(longest, limits))
+        chains = slice_gops(stats, gop, limits, longest)
         assert [frame for chain in chains for gop in chain for frame in gop] == [*range(len(stats))]
         starts = [chain[0].start for chain in chains]
         for chain in chains:
@@ -132,33 +112,37 @@ class TestChains:
     def test_a_film_of_two_shots(self) -> None:
         stats = [FrameStats(0.0, number in (0, 10)) for number in range(25)]
         limits = GopLimits(1, 1)
-        chains = slice_gops(stats, 4, limits, ChainLimits(10, limits))
+        chains = slice_gops(stats, 4, limits, 10)
         assert chains == [
             [range(4), range(4, 8), range(8, 10)],
             [range(10, 14), range(14, 18)],
             [range(18, 22), range(22, 25)],
         ]
 
-    def test_a_lower_threshold_makes_shorter_gops(self) -> None:
-        stats = [FrameStats(0.0, True), *[FrameStats(1.0, False)] * 47]
-        (coarse,), (fine,) = (
-            slice_gops(stats, "adaptive", limits, ChainLimits(99, limits))
-            for limits in (GopLimits(4, 99, motion) for motion in (24.0, 12.0))
-        )
-        assert (len(coarse), len(fine)) == (3, 5)
+    def test_gops_of_a_chain_may_take_fewer_bits(self) -> None:
+        stats = [
+            FrameStats(1.0, not number, 20.0, 400.0, left=(30.0, 60.0, 90.0)[: number // 8])
+            for number in range(48)
+        ]
+        chains = [
+            slice_gops(stats, "adaptive", GopLimits(4, 99), chained, new=lambda span: 0.1)
+            for chained in (48, None)
+        ]
+        assert [len(chain) for chain in chains[0]] == [10]
+        assert len(chains[1]) < 6
 
     def test_key_gops_take_the_place_of_chains_that_do_not_pay(self) -> None:
         stats = [FrameStats(0.0, number in (0, 40)) for number in range(80)]
-        seen: list[tuple[Chain, float]] = []
+        seen: list[tuple[Chain, Chain]] = []
 
-        def pays(chain: Chain, apart: float) -> bool:
+        def pays(chain: Chain, apart: Chain) -> bool:
             seen.append((chain, apart))
             return chain[0].start in (0, 60)
 
-        alone, chained = GopLimits(1, 16), ChainLimits(20, GopLimits(1, 10))
-        chains = slice_gops(stats, "adaptive", alone, chained, pays)
+        bounds = GopLimits(10, 10)
+        chains = slice_gops(stats, "adaptive", bounds, 20, pays)
         assert [chain[0].start for chain, _ in seen] == [0, 20, 40, 60]
-        assert [apart for _, apart in seen] == [pytest.approx(20 / 16)] * 4
+        assert all(chain == apart and len(apart) == 2 for chain, apart in seen)
         assert chains == [
             [range(10), range(10, 20)],
             [range(20, 30)],
@@ -168,13 +152,14 @@ class TestChains:
             [range(60, 70), range(70, 80)],
         ]
         # Key GOPs that follow each other are cut as one span.
-        apart = slice_gops(stats, "adaptive", alone, chained, lambda chain, count: False)
-        assert [len(gop) for chain in apart for gop in chain] == [14, 13, 13, 14, 13, 13]
+        bounds = GopLimits(12, 14)
+        apart = slice_gops(stats, "adaptive", bounds, 20, lambda chain, apart: False)
+        assert sorted(len(gop) for chain in apart for gop in chain) == [12, 12, 14, 14, 14, 14]
         # They keep the longest time between key GOPs, and lengths that are asked for are kept.
-        within = ChainLimits(9, chained.gops)
-        short = slice_gops(stats, "adaptive", alone, within, lambda chain, count: False)
+        bounds = GopLimits(1, 16)
+        short = slice_gops(stats, "adaptive", bounds, 9, lambda chain, apart: False)
         assert max(len(gop) for chain in short for gop in chain) <= 9
-        fixed = slice_gops(stats, 10, alone, chained, lambda chain, count: False)
+        fixed = slice_gops(stats, 10, bounds, 20, lambda chain, apart: False)
         assert [len(chain) for chain in fixed] == [2] * 4
 
     @given(gop=st.integers(1, 9) | st.just("adaptive"), last=st.lists(st.booleans(), min_size=60))
@@ -182,9 +167,8 @@ class TestChains:
         self, gop: int | Literal["adaptive"], last: list[bool]
     ) -> None:
         stats, limits = [FrameStats(1.0, not number) for number in range(60)], GopLimits(4, 8)
-        within = ChainLimits(30, limits)
-        whole = slice_gops(stats, gop, limits, within)
-        found = slice_gops(stats, gop, limits, within, lasts=lambda gop: last[gop.start])
+        whole = slice_gops(stats, gop, limits, 30)
+        found = slice_gops(stats, gop, limits, 30, lasts=lambda gop: last[gop.start])
         assert [gop for chain in found for gop in chain] == [
             gop for chain in whole for gop in chain
         ]

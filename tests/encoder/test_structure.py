@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from gsvrcodec.encoder.analysis import FrameStats
-from gsvrcodec.encoder.film import ChainLimits, GopLimits, divided, limits
+from gsvrcodec.encoder.film import divided, limits
 from gsvrcodec.encoder.film_target import ConstantQuality
+from gsvrcodec.encoder.gop_lengths import GopLimits
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.tuned import ANALYSIS, CHAIN
+from gsvrcodec.encoder.tuned import GOP_LENGTH, PATHS
 from gsvrcodec.fit.tuned import PREDICTION
 from tests.encoder.chains import of_film, of_rate
 
@@ -18,29 +19,10 @@ STATS = [FrameStats(0.1, False, 5.0, 300.0)] * 60
 SIZE = (320, 180)
 
 
-def found(**settings: Any) -> tuple[GopLimits, ChainLimits | None]:
+def found(**settings: Any) -> tuple[GopLimits, int | None]:
     chosen = EncodeSettings(**of_rate(STATS, **settings))
     bpp = of_film(chosen).bpp(STATS, SIZE, 3.0)
     return limits(bpp, len(STATS), chosen.structure, seconds=3.0)
-
-
-@pytest.mark.parametrize(
-    ("settings", "frames"),
-    [
-        ({}, 24),
-        ({"bpp": 0.2}, 24),
-        ({"bpp": 0.03}, 64),
-        ({"bpp": 0.001}, 127),
-        ({"target_psnr": 45.0}, 24),
-        ({"gop_min": 40}, 40),
-        ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
-    ],
-)
-def test_longest_gop_of_a_chain(settings: dict[str, Any], frames: int) -> None:
-    chained = found(**settings)[1]
-    assert chained is not None
-    assert chained.gops.longest == frames
-    assert chained.gops.shortest == settings.get("gop_min", 6)
 
 
 @pytest.mark.parametrize("keyint", [0, 4.0])
@@ -51,28 +33,18 @@ def test_longest_gop_of_a_chain(settings: dict[str, Any], frames: int) -> None:
         ({"gop_min": 40, "bpp": 0.2}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
         ({"bpp": 0.2}, 32),
-        ({"bpp": 0.05}, 64),
+        ({"bpp": 0.05}, 40),
+        ({"target_psnr": 45.0}, 32),
         ({"bpp": 0.001}, 128),
         ({"profile": "paper"}, 32),
     ],
 )
-def test_longest_key_gop(settings: dict[str, Any], keyint: float, frames: int) -> None:
-    alone, chained = found(keyint=keyint, **settings)
-    assert alone.longest == frames
+def test_longest_gop(settings: dict[str, Any], keyint: float, frames: int) -> None:
+    bounds, chained = found(keyint=keyint, **settings)
+    assert bounds.longest == frames
+    assert bounds.shortest == settings.get("gop_min", 4)
+    assert (bounds.price is None) == (settings.get("profile") == "paper")
     assert (chained is None) == (keyint == 0 or settings.get("profile") == "paper")
-
-
-def test_the_lower_the_rate_the_more_motion_a_gop_follows() -> None:
-    def threshold(**settings: Any) -> float:
-        alone, chained = found(**settings)
-        assert alone.motion == ANALYSIS.threshold
-        assert chained is not None
-        return chained.gops.motion
-
-    assert threshold(bpp=0.06) == CHAIN.threshold
-    assert threshold(bpp=0.001) == threshold(bpp=0.001, gop_max=9) == 2 * CHAIN.threshold
-    assert threshold(bpp=1.0) == CHAIN.shorter * CHAIN.threshold
-    assert threshold(crf=20) < threshold(crf=26) < threshold(crf=36)
 
 
 def test_low_quality_has_longer_key_gops() -> None:
@@ -92,7 +64,7 @@ def test_low_quality_has_longer_key_gops() -> None:
 )
 def test_longest_chain(settings: dict[str, Any], frames: int | None) -> None:
     chained = limits(0.1, 240, EncodeSettings(**settings).structure, seconds=10.0)[1]
-    assert (chained and chained.longest) == frames
+    assert chained == frames
 
 
 class TestStructure:
@@ -101,29 +73,58 @@ class TestStructure:
     def lengths(
         self, motion: float, changed: float, fast: float = 0.0, **settings: Any
     ) -> list[list[int]]:
-        frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5, fast)
+        left = tuple(2 * motion * length for length in PATHS.lengths)
+        frame = FrameStats(motion, False, 5.0, 300.0, (changed,) * 5, fast, left)
         chosen = EncodeSettings(**of_rate([frame], **settings))
         chains = divided([frame] * 96, SIZE, chosen.structure, of_film(chosen), seconds=4.0)
         return [[len(gop) for gop in chain] for chain in chains]
 
     def test_what_stays_is_not_paid_for_again(self) -> None:
-        (chain,) = self.lengths(0.2, 0.1, bpp=0.1)
-        assert len(chain) == 6
+        (chain,) = self.lengths(2.0, 0.1, fast=1.0, bpp=0.1)
+        assert len(chain) > 6
 
     def test_slow_motion_all_over_has_long_key_gops(self) -> None:
-        assert self.lengths(0.2, 1.0, bpp=0.1) == [[24]] * 4
+        assert self.lengths(0.2, 1.0, fast=1.0, bpp=0.1) == [[32]] * 3
 
     def test_fast_motion_has_short_gops(self) -> None:
-        (chain,) = self.lengths(2.0, 1.0, target_psnr=36.0)
+        (chain,) = self.lengths(20.0, 1.0, fast=1.0, target_psnr=40.0)
         assert max(chain) < 10
+
+    def test_the_fewer_bits_the_longer_gops(self) -> None:
+        def mean(**settings: Any) -> float:
+            chains = self.lengths(10.0, 1.0, fast=1.0, **settings)
+            return 96 / sum(map(len, chains))
+
+        for rates in ({"crf": (20, 26, 32)}, {"bpp": (0.3, 0.1, 0.03)}, {"target_psnr": (42, 36)}):
+            (name, values), *_ = rates.items()
+            means = [mean(**{name: value}) for value in values]
+            assert means == sorted(means)
+            assert means[-1] > 1.3 * means[0]
+
+    def test_a_gop_takes_less_of_more_pixels(self) -> None:
+        left = tuple(9.0 * length for length in PATHS.lengths)
+        frames = [FrameStats(2.0, False, 5.0, 300.0, fast=1.0, left=left)] * 96
+        structure, target = EncodeSettings().structure, ConstantQuality(26)
+        small, large = (
+            sum(map(len, divided(frames, size, structure, target, seconds=4.0)))
+            for size in ((640, 360), (3840, 2160))
+        )
+        assert small < large
+
+    def test_published_gops_end_by_motion(self) -> None:
+        chains = self.lengths(2.0, 1.0, profile="paper")
+        assert {len(gop) for chain in chains for gop in [chain]} == {1}
+        assert max(map(max, chains)) <= GOP_LENGTH.motion / 2
 
     @pytest.mark.parametrize("settings", [{"crf": 26}, {"crf": 26, "gop": 8}])
     def test_none_is_predicted_where_too_little_lasts(self, settings: dict[str, Any]) -> None:
         """Those of a size stay together, for they make up for each other."""
         lasting, changing = (1 - PREDICTION.kept + more for more in (-0.01, 0.01))
-        (chain,) = self.lengths(2.0, lasting, fast=1.0, **settings)
-        apart = self.lengths(2.0, changing, fast=1.0, **settings)
-        assert [[length] for length in chain] == apart
+        (chain,) = self.lengths(9.0, lasting, fast=1.0, **settings)
+        apart = self.lengths(9.0, changing, fast=1.0, **settings)
+        assert {len(gops) for gops in apart} == {1}
+        # A GOP that begins with less takes less, and so there are more of them.
+        assert len(chain) >= len(apart)
         assert max(chain) < 10
         structure = EncodeSettings(bpp=0.1).structure
         assert not structure.parted
@@ -140,13 +141,8 @@ class TestStructure:
         chains = divided(frames, SIZE, structure, ConstantQuality(26), seconds=1.0)
         assert [len(chain) for chain in chains] == [1, 2]
 
-    def test_so_has_what_is_fast_before_a_still_picture(self) -> None:
-        assert self.lengths(0.2, 0.3, bpp=0.05) == [[32]] * 3
-        (chain,) = self.lengths(0.2, 0.3, fast=5.0, bpp=0.05)
-        assert len(chain) > 6
-
     def test_one_gop_for_all_frames(self) -> None:
-        assert self.lengths(0.0, 0.1, bpp=0.001) == [[96]]
+        assert self.lengths(0.0, 0.1, bpp=0.001) == self.lengths(0.0, 0.0, bpp=0.001) == [[96]]
 
     def test_a_fixed_length_is_predicted_whatever_it_costs(self) -> None:
         assert self.lengths(0.2, 0.3, bpp=0.05, gop=32) == [[32, 32, 32]]
