@@ -85,7 +85,7 @@ ONLY_IN = {
     },
     ("render", "triton"): _TRITON,
     ("decoder", "video"): {"export.py"},
-    ("encoder", "cv2"): {"analysis.py"},
+    ("encoder", "cv2"): {"analysis.py", "paths.py"},
     ("encoder", "decoder"): {"output.py"},
     ("encoder", "imagecodecs"): {"source.py"},
     ("encoder", "dask"): {"dask.py"},
