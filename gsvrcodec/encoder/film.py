@@ -146,7 +146,8 @@ def divided(
     bounds, chained = limits(bpp, len(stats), structure, seconds=seconds)
     if bounds.price is not None:
         qscale = qscale_at(stats, bpp) if bpp < math.inf else 1.0
-        bounds = replace(bounds, price=qscale * GOP_LENGTH.height / min(size) * bounds.price)
+        dearer = math.pow(qscale, GOP_LENGTH.qscale_power) * GOP_LENGTH.height / min(size)
+        bounds = replace(bounds, price=dearer * bounds.price)
 
     def pays(chain: Chain, apart: Chain) -> bool:
         """Whether a chain costs clearly less than key GOPs.
