@@ -51,12 +51,13 @@ class _GopLength:
 
     shortest: int = 32  #: frames of the longest at a high rate
     longest: int = 128  #: the same at a low rate
-    frames_bpp: float = 1.5  #: the same x bpp, between the two
+    frames_bpp: float = 1.0  #: the same x bpp, between the two
     #: squared error that the bits of a GOP save elsewhere at qscale 1 / root of its frames over
     #: their change, and the next power of their detail
     price: float = 0.25
     detail_power: float = 1.5
-    qscale_power: float = 0.35  #: by which it grows with the qscale
+    qscale_power: float = 0.65  #: by which it grows with the qscale
+    least: float = 4.0  #: frames of the shortest GOP at qscale 1; they grow with its root
     height: int = 720  #: rows of films for which it holds; where there are more, it is the less
     changed_power: float = 2.0  #: by which it falls with the part that changes, where most lasts
     motion: float = 24.0  #: accumulated motion at which a published GOP ends, px

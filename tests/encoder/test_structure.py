@@ -33,7 +33,7 @@ def found(**settings: Any) -> tuple[GopLimits, int | None]:
         ({"gop_min": 40, "bpp": 0.2}, 40),
         ({"gop_max": 7, "gop_min": 1, "bpp": 0.01}, 7),
         ({"bpp": 0.2}, 32),
-        ({"bpp": 0.03}, 50),
+        ({"bpp": 0.02}, 50),
         ({"target_psnr": 45.0}, 32),
         ({"bpp": 0.001}, 128),
         ({"profile": "paper"}, 32),
