@@ -214,11 +214,12 @@ class EncodeSettings:
         """Which GOPs the file has.
 
         How many numbers a predicted GOP stores is known only when it is fitted, so that `params`
-        excludes them. The GOPs of a chain make up for each other where a size is to be met.
+        excludes them. The GOPs of a chain make up for each other where a size is to be met. Where
+        numbers are given GOPs end by motion, as published: short ones would have few Gaussians.
         """
         predicts = self.profile == "main" and self.params is None
         keyint, parted = self.keyint * predicts, self.quality is not None
-        by_motion = self.profile == "paper"
+        by_motion = isinstance(self.target, Numbers)
         return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted, by_motion)
 
     @property

@@ -43,7 +43,8 @@ def test_longest_gop(settings: dict[str, Any], keyint: float, frames: int) -> No
     bounds, chained = found(keyint=keyint, **settings)
     assert bounds.longest == frames
     assert bounds.shortest == settings.get("gop_min", 4)
-    assert (bounds.price is None) == (settings.get("profile") == "paper")
+    # GOPs of given numbers end by motion: short ones would have few Gaussians.
+    assert (bounds.price is None) == bool({"gaussians", "profile"} & {*settings})
     assert (chained is None) == (keyint == 0 or settings.get("profile") == "paper")
 
 
