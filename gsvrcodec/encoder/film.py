@@ -170,15 +170,19 @@ def divided(
             total += since
         return total / len(frames)
 
+    # Of the picture, that may change in a predicted GOP.
+    most = 1 - PREDICTION.kept if structure.parted else math.inf
+
     def lasts(frames: range) -> bool:
         """Whether as many Gaussians may be kept as a predicted GOP has to keep."""
-        return not structure.parted or 1 - changed(frames) >= PREDICTION.kept
+        return changed(frames) <= most
 
     def new(span: range) -> float:
         """Bits of GOPs of a chain / bits of key GOPs, as far as they tell how long GOPs are."""
-        if not lasts(span):
+        part = changed(span)
+        if part > most:
             return 1.0
-        return math.pow(max(CHAIN.idle_bits, changed(span)), GOP_LENGTH.changed_power)
+        return math.pow(max(CHAIN.idle_bits, part), GOP_LENGTH.changed_power)
 
     return slice_gops(stats, structure.gop, bounds, chained, pays, lasts, new)
 
