@@ -138,25 +138,25 @@ class Recorder:
 
 
 def test_the_last_chain_has_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder, alone = Recorder(), threading.Event()
+    recorder, shared, alone = Recorder(), threading.Event(), threading.Event()
     monkeypatch.setattr("gsvrcodec.encoder.run.local._Worker", lambda: recorder)
-
-    def short() -> Generator[GopJob, EncodedGop, None]:
-        yield gop_job(0)
 
     def long() -> Generator[GopJob, EncodedGop, None]:
         yield gop_job(1)
+        shared.set()
         assert alone.wait(10)
         yield gop_job(2)
+
+    def short() -> Generator[GopJob, EncodedGop, None]:
+        yield gop_job(0)
+        assert shared.wait(10)
 
     def both() -> Iterator[Generator[GopJob, EncodedGop, None]]:
         yield long()
         yield short()
+        threading.Timer(0.3, alone.set).start()  # asked for more: the short one has ended
 
-    fitted = fit_gops(both(), 2, 5)
-    assert len([next(fitted), next(fitted)]) == 2
-    threading.Timer(0.3, alone.set).start()
-    assert len(list(fitted)) == 1
+    assert len(list(fit_gops(both(), 2, 5))) == 3
     assert sorted([recorder.threads[0], recorder.threads[1]]) == [2, 3]
     assert recorder.threads[2] == 5
 
