@@ -147,9 +147,7 @@ def divided(
     if bounds.price is not None:
         qscale = qscale_at(stats, bpp) if bpp < math.inf else 1.0
         dearer = math.pow(qscale, GOP_LENGTH.qscale_power) * GOP_LENGTH.height / min(size)
-        shortest = round(GOP_LENGTH.least * math.sqrt(qscale))
-        shortest = min(bounds.longest, max(bounds.shortest, shortest))
-        bounds = replace(bounds, price=dearer * bounds.price, shortest=shortest)
+        bounds = replace(bounds, price=dearer * bounds.price)
 
     def pays(chain: Chain, apart: Chain) -> bool:
         """Whether a chain costs clearly less than key GOPs.

@@ -56,8 +56,7 @@ class _GopLength:
     #: their change, and the next power of their detail
     price: float = 0.25
     detail_power: float = 1.5
-    qscale_power: float = 0.65  #: by which it grows with the qscale
-    least: float = 4.0  #: frames of the shortest GOP at qscale 1; they grow with its root
+    qscale_power: float = 0.5  #: by which it grows with the qscale
     height: int = 720  #: rows of films for which it holds; where there are more, it is the less
     changed_power: float = 2.0  #: by which it falls with the part that changes, where most lasts
     motion: float = 24.0  #: accumulated motion at which a published GOP ends, px
