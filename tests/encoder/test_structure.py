@@ -91,6 +91,10 @@ class TestStructure:
         (chain,) = self.lengths(20.0, 1.0, fast=1.0, target_psnr=40.0)
         assert max(chain) < 10
 
+    def test_it_has_as_short_ones_at_low_rates(self) -> None:
+        chains = self.lengths(200.0, 1.0, fast=1.0, crf=40)
+        assert {frames for chain in chains for frames in chain} == {4}
+
     def test_the_fewer_bits_the_longer_gops(self) -> None:
         def mean(**settings: Any) -> float:
             chains = self.lengths(10.0, 1.0, fast=1.0, **settings)
