@@ -34,6 +34,7 @@ class Structure:
     keyint: float  #: longest time from one key GOP to the next, seconds; 0 = all are key GOPs
     parted: bool = False  #: GOPs of which too little lasts are chains of their own
     by_motion: bool = False  #: adaptive GOPs end by the motion of frames, as published
+    effort: float = 1.0  #: visits of a frame / those of the quickest preset
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +148,7 @@ def divided(
     if bounds.price is not None:
         qscale = qscale_at(stats, bpp) if bpp < math.inf else 1.0
         dearer = math.pow(qscale, GOP_LENGTH.qscale_power) * GOP_LENGTH.height / min(size)
+        dearer *= math.pow(structure.effort, GOP_LENGTH.effort_power)
         bounds = replace(bounds, price=dearer * bounds.price)
 
     def pays(chain: Chain, apart: Chain) -> bool:

@@ -220,7 +220,8 @@ class EncodeSettings:
         predicts = self.profile == "main" and self.params is None
         keyint, parted = self.keyint * predicts, self.quality is not None
         by_motion = isinstance(self.target, Numbers)
-        return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted, by_motion)
+        effort = EFFORT.frame_visits[self.preset] / min(EFFORT.frame_visits.values())
+        return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted, by_motion, effort)
 
     @property
     def execution(self) -> Execution:

@@ -57,6 +57,7 @@ class _GopLength:
     price: float = 0.25
     detail_power: float = 1.5
     qscale_power: float = 0.5  #: by which it grows with the qscale
+    effort_power: float = 0.4  #: the same with visits: motion of long GOPs takes more of them
     height: int = 720  #: rows of films for which it holds; where there are more, it is the less
     changed_power: float = 2.0  #: by which it falls with the part that changes, where most lasts
     motion: float = 24.0  #: accumulated motion at which a published GOP ends, px
