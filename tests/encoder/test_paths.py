@@ -17,7 +17,7 @@ def followed(frames: Iterable[Image], flow: tuple[float, float] = (0, 0)) -> lis
     """What is known of the GOPs that end with each frame, if all moves by `flow`, px a frame."""
     paths, known = Paths(), []
     for number, frame in enumerate(frames):
-        field = np.broadcast_to(np.float32(flow), (*frame.shape[:2], 2))
+        field = np.broadcast_to(np.array(flow, np.float32), (*frame.shape[:2], 2))
         known.append([*paths.add(frame, np.ascontiguousarray(field) if number else None)])
     return known
 
