@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from operator import index
+from statistics import median
 from typing import Any
 
 import cv2
@@ -24,7 +25,7 @@ class FrameStats:
     """Statistics of one frame against the frame before it."""
 
     motion: float  #: motion degree: mean length of the flow, px of the analysed frame
-    cut: bool  #: a new shot begins
+    cut: bool  #: a new shot begins, or a picture that rested has changed at once
     #: mean squared difference to the motion-compensated frame before, squared 8-bit codes
     change: float = 0.0
     detail: float = 0.0  #: mean squared gradient, squared 8-bit codes
@@ -78,6 +79,7 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
     """
     shot: deque[Image] = deque(maxlen=ANALYSIS.lag)  # the last frames before, since a cut
     previous: Image | None = None
+    differences: deque[float] = deque(maxlen=ANALYSIS.resting)  # of the last frames of a shot
     usual: float | None = None  # running mean of the difference between frames of a shot
     paths = Paths()
     for frame in frames:
@@ -88,11 +90,12 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
             yield FrameStats(0.0, True, 0.0, detail)
         else:
             difference = float(cv2.absdiff(previous, small).mean())
-            cut = (
+            new = (
                 difference > ANALYSIS.cut_difference
                 and difference > ANALYSIS.cut_ratio * (usual or 0.0)
                 and _histogram_correlation(previous, small) < ANALYSIS.cut_correlation
             )
+            cut = new or _jumps(difference, differences)
             if cut:
                 shot.clear()
                 paths = Paths()
@@ -105,9 +108,28 @@ def analyse(frames: Iterable[Image], estimate: FlowEstimator) -> Iterator[FrameS
                 changed = _changed(shot[0], small, missed)
                 left = paths.add(small, flow)
                 yield FrameStats(motion, False, float(missed.mean()), detail, changed, fast, left)
-            usual = None if cut else difference if usual is None else (usual + difference) / 2
+            if new:
+                differences.clear()
+                usual = None
+            else:
+                differences.append(difference)
+                usual = difference if usual is None else (usual + difference) / 2
         previous = small
         shot.append(small)
+
+
+def _jumps(difference: float, before: Collection[float]) -> bool:
+    """Return whether a picture that rested has changed at once, as a page that is scrolled does.
+
+    Args:
+        difference: To the frame before.
+        before: The same of the frames before it.
+    """
+    return (
+        len(before) == ANALYSIS.resting
+        and difference > ANALYSIS.cut_difference
+        and difference > ANALYSIS.cut_ratio * median(before)
+    )
 
 
 def _detail(image: Image) -> float:

@@ -126,6 +126,7 @@ class _Plate:
             seen: What stands still.
             lasts: Whether for the whole chain.
         """
+        lasts = lasts and seen.frames >= PLATE.lasting_frames
         if seen.still.share < (PLATE.mostly if lasts else PLATE.still):
             return None
         picture = seen.still.picture

@@ -24,6 +24,8 @@ class _Analysis:
     cut_correlation: float = 0.75  #: correlation of the histograms of two frames, below
     cut_difference: float = 18.0  #: mean difference of two frames, above; 8-bit codes
     cut_ratio: float = 4.0  #: mean difference / usual mean difference, above
+    #: frames of which most have to rest where a change at once is one by the last two alone
+    resting: int = 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,8 @@ class _Start:
 class _Plate:
     """Plates of key GOPs."""
 
-    least_frames: int = 6  #: of a GOP: a plate shows what lasts
+    least_frames: int = 2  #: of a GOP or chain: a plate shows what stays
+    lasting_frames: int = 6  #: of a chain, from which on what stands still lasts
     frames: int = 9  #: most frames of a chain that are compared
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes

@@ -174,7 +174,15 @@ class TestChainPlates:
 
     def test_what_has_no_slope_has_no_plate(self) -> None:
         assert self.of(film(), slopes=[None]) == ([None], [0])
-        assert self.of(film()[:5]) == ([None], [0])
+        assert self.of(film()[:1]) == ([None], [0])
+
+    def test_a_short_time_is_no_reason_for_one(self) -> None:
+        """There is one where it takes many bits, for which Gaussians would take more."""
+        coarse = [Slope(qscale_of(44), most=10**6, lasting=3.0)]
+        for frames in (2, 5):
+            assert self.of(film()[:frames], slopes=coarse)[0] == [None]
+            assert self.of(film()[:frames])[0] != [None]
+        assert self.of(film()[:6], slopes=coarse)[0] != [None]
 
     def test_none_before_a_camera_that_moves_slowly(self) -> None:
         (still, moves), _ = self.of(panned(0.2, 12), panned(1.5, 12), share=False)
