@@ -50,13 +50,9 @@ class Number:
             fitted: Gaussians that its time suffices for.
         """
         now = len(parameters.raw["position"])
-        error = _squared_error(parameters, footage)
-        moving = float(moving_of(parameters.gop(), footage.size).mean())
-        if parameters.anchor is None:
-            factor = self._pays(parameters, footage, moving)
-        else:
-            factor = PREDICTION.numbers
-        wanted = self._slope.gaussians(footage.pixels, factor * error, steps, moving, fitted)
+        predicted = parameters.anchor is not None
+        factor = PREDICTION.numbers if predicted else self._pays(parameters, footage)
+        wanted = called_for(self._slope, parameters, footage, factor, steps, fitted)
         return min(max(wanted, now // 2), 2 * now) - now
 
     def prune(self, parameters: Parameters, footage: Footage) -> NDArray[np.intp]:
@@ -68,12 +64,36 @@ class Number:
         self._last = None  # Those that are left of them all pay.
         return left
 
-    def _pays(self, parameters: Parameters, footage: Footage, moving: float) -> float:
+    def _pays(self, parameters: Parameters, footage: Footage) -> float:
         """Return how well those pay that came last, the mean of all looks so far."""
         if self._last is not None and self._last.any():
-            found = losses(parameters.gop(), footage, parameters.backend)[self._last]
-            self._paid.append(self._slope.paid(found, moving))
+            gop = parameters.gop()
+            found = losses(gop, footage, parameters.backend)[self._last]
+            self._paid.append(self._slope.paid(found, float(moving_of(gop, footage.size).mean())))
         return geometric_mean(self._paid)
+
+
+def called_for(
+    slope: Slope,
+    parameters: Parameters,
+    footage: Footage,
+    factor: float,
+    steps: float,
+    fitted: float,
+) -> int:
+    """Return how many Gaussians a slope calls for, by the error that is left.
+
+    Args:
+        slope: What a bit has to save.
+        parameters: Of the fit so far.
+        footage: The frames that show them.
+        factor: Of the error: the part that more Gaussians may mend.
+        steps: Of the whole fit.
+        fitted: Gaussians that its time suffices for.
+    """
+    error = factor * _squared_error(parameters, footage)
+    moving = float(moving_of(parameters.gop(), footage.size).mean())
+    return slope.gaussians(footage.pixels, error, steps, moving, fitted)
 
 
 def moving_of(gop: Gop, size: Size) -> NDArray[np.bool_]:

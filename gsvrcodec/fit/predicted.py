@@ -13,6 +13,7 @@ from gsvrcodec.fit.fitting import Allowance, Fit, mean_psnr, price_of
 from gsvrcodec.fit.footage import Footage, Picture, some_frames
 from gsvrcodec.fit.motion import Tracker, flow_estimator
 from gsvrcodec.fit.moving import OverTime, to_be_static
+from gsvrcodec.fit.number import called_for
 from gsvrcodec.fit.optimise import optimise
 from gsvrcodec.fit.parameters import LOOK, Anchor, Parameters
 from gsvrcodec.fit.precision import noise
@@ -103,6 +104,13 @@ def fit_predicted(
     start = start_of_motion(len(footage.frames))
     anchor = Anchor(start, reference.look[carried], carried)
     begin = _start(footage, anchor, reference.picture, grid, options, rng)
+    effort, tuning = allowance.split(
+        tune=options.tune, least_steps=PREDICTION.least_steps, began=began
+    )
+    if slope is not None:  # what comes into the picture needs more than those that change
+        first = Parameters(begin, options.deform, backend, footage.background, anchor)
+        how = PREDICTION.begun, effort.expected_steps, effort.gaussians
+        extra = max(extra, called_for(slope, first, footage, *how) - len(begin))
     if extra > 0:
         begin, anchor = _with_new(begin, anchor, extra)
     parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
@@ -116,9 +124,6 @@ def fit_predicted(
         return None
     move_weakest(parameters, footage.frames, footage.taus, footage.size, rng, fresh, where)
 
-    effort, tuning = allowance.split(
-        tune=options.tune, least_steps=PREDICTION.least_steps, began=began
-    )
     price = price_of(parameters, footage, reference.qscale, rng)
     tiles = Tiles(footage.size, look.position[~stays], worth[~stays])
     optimise(parameters, footage, PREDICTED, effort, rng, price=price, slope=slope, tiles=tiles)

@@ -166,8 +166,10 @@ class _Prediction:
     renewed_first: float = 0.05  #: new Gaussians at the beginning / all
     least_steps: int = 60
     kept: float = 0.6  #: share that stays as it is below which a slope has no predicted GOP
-    #: Gaussians that change, by the slope / as many as it calls for in a key GOP
+    #: Gaussians that change, by the slope / as many as it calls for in a key GOP; at the beginning
+    #: at least so many, by the error that is there
     numbers: float = 0.8
+    begun: float = 0.12
     #: a GOP is not predicted if its start is below `lost`, and so much below its reference, unless
     #: so many of its Gaussians are kept as they are
     still: float = 0.5  #: share

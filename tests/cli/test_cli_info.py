@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -103,11 +102,9 @@ class TestInfo:
 import sys
 from gsvrcodec.cli.info import main
 assert main([{str(path)!r}]) == 0
-assert not {{"torch", "cv2", "av", "rich"}} & set(sys.modules)
+assert not {{"torch", "cv2", "av", "rich", "PIL"}} & set(sys.modules)
 """
-        began = time.perf_counter()
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)
-        assert time.perf_counter() - began < 2  # 0.2 s where nothing else runs
 
 
 class TestVerify:

@@ -19,7 +19,7 @@ from gsvrcodec.fit.tuned import EFFORT, PREDICTION, STAGED
 from gsvrcodec.metrics import psnr
 from gsvrcodec.model.gop import Float32Array, Gop, grid_size
 from gsvrcodec.model.prediction import last_look, look_at
-from gsvrcodec.model.static import static_gop
+from gsvrcodec.model.static import append_gaussians, static_gop
 from tests.fit.synthetic import BACKEND, assert_finite, footage, moving_texture
 
 SIZE = WIDTH, HEIGHT = 96, 64
@@ -291,6 +291,20 @@ class TestNumbers:
             assert_finite(fit.drawn(fit.gop))
             counts.append(len(fit.gop))
         assert counts[0] > without > counts[1]
+
+    def test_what_comes_in_gets_as_many_as_it_needs(self, key: Key) -> None:
+        """From the beginning: more than twice the few that change around it."""
+        frames, box = film(), np.s_[32:56, 64:88]
+        pattern = np.random.default_rng(3).integers(0, 2, (6, 6, 3), np.uint8)
+        frames[:, *box] = 30 + 200 * pattern.repeat(4, axis=0).repeat(4, axis=1)
+        fit = predicted(key, frames, slope=Slope(0.4, 3000))
+        kept, anchor = parts(fit)
+        assert kept.mean() > PREDICTION.kept
+        assert (~anchor.carried).sum() > 200
+        assert fit.footage.background is not None
+        gop = append_gaussians(fit.drawn(fit.gop), fit.footage.background)
+        shown = BACKEND.render(BACKEND.prepare(gop), np.zeros(1, np.float32), SIZE, SIZE)[0]
+        assert psnr(shown[box], frames[0][box]) > 40
 
     def test_the_weakest_are_dropped_and_leave_no_hole(self, key: Key) -> None:
         fit = predicted(key, film(2), gaussians=480)
