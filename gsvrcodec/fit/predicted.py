@@ -107,13 +107,13 @@ def fit_predicted(
     effort, tuning = allowance.split(
         tune=options.tune, least_steps=PREDICTION.least_steps, began=began
     )
+    parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
     if slope is not None:  # what comes into the picture needs more than those that change
-        first = Parameters(begin, options.deform, backend, footage.background, anchor)
         how = PREDICTION.begun, effort.expected_steps, effort.gaussians
-        extra = max(extra, called_for(slope, first, footage, *how) - len(begin))
+        extra = max(extra, called_for(slope, parameters, footage, *how) - len(begin))
     if extra > 0:
         begin, anchor = _with_new(begin, anchor, extra)
-    parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
+        parameters = Parameters(begin, options.deform, backend, footage.background, anchor)
     static = np.resize(to_be_static(look[~stays], where), len(begin))
     parameters.make_static(np.arange(len(begin)), static)
     begin = parameters.stored()

@@ -103,6 +103,8 @@ import sys
 from gsvrcodec.cli.info import main
 assert main([{str(path)!r}]) == 0
 assert not {{"torch", "cv2", "av", "rich", "PIL"}} & set(sys.modules)
+parts = {{name.split(".")[1] for name in sys.modules if name.startswith("gsvrcodec.")}}
+assert not {{"encoder", "fit", "video"}} & parts
 """
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)
 
