@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import count
 from typing import Any, Self
 
 import numpy as np
@@ -113,6 +112,8 @@ def first_pass(
 ) -> Taken:
     """Return about what GOPs take in so many bytes, and the quality of that.
 
+    Between a pass of too many bytes and one of too few the next one lies as their bytes say.
+
     Args:
         settings: Of the encode.
         crf: A first guess of the quality.
@@ -126,15 +127,20 @@ def first_pass(
         return replace(found, crf=min(max(found.crf, crf - SIZE.near), crf + SIZE.near))
     quick = replace(settings, preset=_QUICKER[settings.preset])
     share = 1.0 if quick == settings else SIZE.effort
-    for number in count(1):
-        wanted = measure(quick.at_quality(crf)).for_size(room, share)
-        most, near = SIZE.passes, SIZE.near
-        if any(wanted.plates):
+    most, near = SIZE.passes, SIZE.near
+    known: list[tuple[int, float]] = []  # bytes that qualities take
+    while True:
+        taken = measure(quick.at_quality(crf))
+        known.append((taken.total, crf))
+        wanted = taken.for_size(room, share)
+        if any(taken.plates):
             most, near = SIZE.passes_plates, SIZE.near_plates
-        if number == most or abs(wanted.crf - crf) < near:
-            break
+        if len(known) == most or abs(wanted.crf - crf) < near:
+            return wanted
         crf = wanted.crf
-    return wanted
+        totals, crfs = zip(*sorted(known), strict=True)
+        if totals[0] < room < totals[-1]:
+            crf = float(np.interp(math.log(room), np.log(totals), crfs))
 
 
 class Spending:

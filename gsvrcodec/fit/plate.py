@@ -34,9 +34,13 @@ def still_in(pictures: Frames) -> Still:
 
 
 def shows(frames: Frames, plate: Picture) -> bool:
-    """Return whether the frames of a GOP, (F, H, W, 3), show most of a plate, (H, W, 3)."""
+    """Return whether the frames of a GOP, (F, H, W, 3), show most of a plate, (H, W, 3).
+
+    A plate of few bits has lost texture: a frame shows it where the frame is nearer to the plate
+    than to its own means of small boxes.
+    """
     own = frames[some_frames(len(frames), PLATE.frames)]
-    seen = np.sum([~differs(frame, plate) for frame in own], axis=0)
+    seen = np.sum([~differs(frame, plate) | _nearer(frame, plate) for frame in own], axis=0)
     return _share(plate, seen >= PLATE.usual * len(own)) >= PLATE.kept
 
 
@@ -140,9 +144,24 @@ def _mask(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
     """Return where a frame, (H, W, 3), is not as a picture, but for noise, (H, W)."""
-    apart = cv2.blur(cv2.absdiff(frame, usual), 2 * (PLATE.box_px,))
-    red, green, blue = cv2.split(apart)
-    return np.asarray(cv2.max(cv2.max(red, green), blue) >= PLATE.differing)
+    return _apart(frame, usual) >= PLATE.differing
+
+
+def _nearer(frame: Picture, plate: Picture) -> NDArray[np.bool_]:
+    """Return where a frame, (H, W, 3), is nearer to a plate than to its own means, (H, W)."""
+    usual = _apart(frame, np.asarray(_means(frame), np.uint8))
+    return np.asarray(_apart(frame, plate) < PLATE.nearer * usual)
+
+
+def _apart(frame: Picture, other: Picture) -> NDArray[np.uint8]:
+    """Mean difference in a box, (H, W), of the channel where it is largest, 8-bit codes."""
+    red, green, blue = cv2.split(_means(cv2.absdiff(frame, other)))
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
+
+
+def _means(picture: cv2.typing.MatLike) -> cv2.typing.MatLike:
+    """Means of boxes around each pixel, (H, W, 3)."""
+    return cv2.blur(picture, 2 * (PLATE.box_px,))
 
 
 def mendable(share: Float32Array, frame: Picture, usual: Picture) -> Float32Array:

@@ -68,6 +68,8 @@ class _Plate:
     mostly: float = 0.6  #: the same, in a chain of which other parts do not
     #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
     kept: float = 0.2
+    #: difference of a frame from a plate that it shows / from its own means, at most
+    nearer: float = 1.1
     drifting_px: float = 0.75  #: motion of what seems to stand still from which it does not, px
     drift_steps: int = 3  #: most steps of the search for that motion
     least_bits: float = 1.0  #: bits a pixel below which Gaussians do better, but for what lasts
@@ -98,6 +100,9 @@ class _Plate:
             35: 115.0,
             25: 250.0,
             15: 570.0,
+            7.5: 1400.0,
+            3.5: 2450.0,
+            1: 4100.0,
         }
     )
 

@@ -168,6 +168,16 @@ def test_frames_that_show_a_plate() -> None:
     assert not shows(film(), texture(7))
 
 
+def test_frames_show_a_plate_of_few_bits() -> None:
+    """It differs from all of them by the texture that it has lost, but from others by more."""
+    coded = avif.encode(texture(), quality_at(400.0))
+    plate = Plate(avif.decode(coded, None)).shown()
+    assert differs(texture(), plate).mean() > 0.9
+    assert shows(film(), plate)
+    assert not shows(np.roll(film(), 8, axis=2), plate)
+    assert not shows(film(), texture(7))
+
+
 class TestRun:
     """What stands still in several chains."""
 

@@ -226,6 +226,7 @@ def test_memory_that_does_not_suffice() -> None:
         raise torch.OutOfMemoryError
 
 
+@pytest.mark.slow
 def test_kernels_compile_for_gpus() -> None:
     """The interpreter takes more than the compiler does; which needs no GPU."""
     environment = {k: v for k, v in os.environ.items() if k != "TRITON_INTERPRET"}
