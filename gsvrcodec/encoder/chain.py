@@ -24,8 +24,7 @@ from gsvrcodec.encoder.size import Rooms, Spending
 from gsvrcodec.encoder.source import ChainFrames, ChainReader
 from gsvrcodec.errors import WorkerError
 from gsvrcodec.fit.footage import Picture
-from gsvrcodec.fit.target import Quality, Size, Slope
-from gsvrcodec.fit.tuned import RATE_CONTROL
+from gsvrcodec.fit.target import Size, Slope
 from gsvrcodec.limits import Limits
 from gsvrcodec.versions import sources
 
@@ -57,7 +56,7 @@ def chain_jobs(
     given = overrun = 0.0  # seconds that GOPs had, and took beyond them: to read, start, pack
     for number, (gop, budget) in enumerate(zip(chain.gops, budgets, strict=True)):
         if number < len(finished):
-            state.add(finished[number], budget)
+            state.add(finished[number])
             if number + 1 == len(finished):
                 before = chain.take(number)[-1].copy()
             continue
@@ -94,7 +93,7 @@ def chain_jobs(
             given += left
             overrun += max(0.0, time.perf_counter() - asked - left)
         if number + 1 < len(chain.gops):
-            state.add(result, budget)
+            state.add(result)
 
 
 class _State:
@@ -105,18 +104,15 @@ class _State:
     ) -> None:
         self._settings = settings
         self._of_chain, self._spending = plate, spending
-        self._spare = 0.0
         self.reference: Reference | None = None  #: of the next GOP
         self.plate = plate  #: for the next key GOP, coded; None = none is known
 
-    def add(self, result: EncodedGop, budget: Budget) -> None:
+    def add(self, result: EncodedGop) -> None:
         """Count a finished GOP, and take it for the reference of the next one."""
         if self._spending is not None:
             coded = coded_plate(result.payload)
             beside = 0 if coded is None or coded != self._of_chain else len(coded)
             self._spending.add(len(result.payload) - beside)
-        if isinstance(budget.target, Quality):
-            self._spare = result.float_psnr - budget.target.psnr - RATE_CONTROL.rounding_loss
         if not self._settings.predicts or result.qscale is None:
             return
         content = unpack_gop(result.payload, None, Limits())
@@ -132,20 +128,8 @@ class _State:
 
     def budget(self, planned: Budget) -> Budget:
         """Return a GOP's budget, by what is left."""
-        match planned.target:
-            case Slope() as slope:
-                return self._spent(planned, slope)
-            case Quality() if self.reference is not None:
-                aim = sum(RATE_CONTROL.spare) / 2
-                count = len(self.reference.gop)
-                octaves = min(max(aim - self._spare, -1.0), 1.0) / RATE_CONTROL.octave
-                return replace(planned, gaussians=max(1, round(count * 2**octaves)))
-        return planned
-
-    def _spent(self, planned: Budget, slope: Slope) -> Budget:
-        """Return the budget of a GOP that makes up for what others took."""
-        spending = self._spending
-        if spending is None:
+        spending, slope = self._spending, planned.target
+        if spending is None or not isinstance(slope, Slope):
             return planned
         slope = replace(slope, qscale=spending.coarser() * slope.qscale)
         exact = Size(max(1, int(spending.left)), slope)

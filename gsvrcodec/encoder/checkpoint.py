@@ -34,7 +34,7 @@ from gsvrcodec.bitstream.chunk import (
 )
 from gsvrcodec.encoder.analysis import Analysis
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.size import Taken
+from gsvrcodec.encoder.size import Qualities, Sizes, plan_from_json
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
@@ -75,7 +75,7 @@ class Checkpoint:
     ) -> None:
         self._entries: dict[range, _Kept] = {}
         self._analysis: Analysis | None = None
-        self._first_pass: Taken | None = None
+        self._first_pass: Sizes | Qualities | None = None
         self._end = 0
         self._lock = threading.Lock()  # of the place in the file
         self._file: BinaryIO
@@ -142,11 +142,11 @@ class Checkpoint:
         self._analysis = analysis
 
     @property
-    def first_pass(self) -> Taken | None:
+    def first_pass(self) -> Sizes | Qualities | None:
         """What a first pass found; None = it was not kept."""
         return self._first_pass
 
-    def keep_first_pass(self, found: Taken) -> None:
+    def keep_first_pass(self, found: Sizes | Qualities) -> None:
         """Keep what a first pass found."""
         self._append(_SIZE, json.dumps(found.to_json()).encode())
         self._first_pass = found
@@ -268,7 +268,7 @@ class Checkpoint:
         if entry.type == _ANALYSIS:
             self._analysis = Analysis.from_json(_json(payload))
         elif entry.type == _SIZE:
-            self._first_pass = Taken.from_json(_json(payload))
+            self._first_pass = plan_from_json(_json(payload))
         elif entry.type == _PART:
             gop, content = _split(payload)
             self._entries[gop.frames] = _Kept(gop, entry, len(content))

@@ -22,7 +22,7 @@ from gsvrcodec.bitstream.plane_entries import IMAGE_CODECS
 from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.checkpoint import Checkpoint
-from gsvrcodec.encoder.film_target import FilmSize
+from gsvrcodec.encoder.film_target import Aim, FilmSize, MeanPsnr
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.output import Destination, open_output, verify_file
 from gsvrcodec.encoder.passes import Passes
@@ -33,7 +33,7 @@ from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
 from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
-from gsvrcodec.encoder.size import Taken, first_pass
+from gsvrcodec.encoder.size import PsnrGoal, Qualities, SizeGoal, Sizes, first_pass
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
 from gsvrcodec.planes import PACKS
@@ -73,10 +73,10 @@ def encode(
 ) -> EncodeResult:
     """Encode a video file, or frames from memory, as a .gsvr file.
 
-    The source is read twice, frame by frame: to analyse its motion, and to fit it; where a size is
-    to be met, once or twice more, to fit it quickly. Some frames are read once more, for plates.
-    What can be read only once, and frames from memory, wait in a temporary file. A file `dst`
-    appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
+    The source is read twice, frame by frame: to analyse its motion, and to fit it; where a size or
+    a PSNR is to be met, once or twice more, to fit it quickly. Some frames are read once more, for
+    plates. What can be read only once, and frames from memory, wait in a temporary file. A file
+    `dst` appears when it is whole; until then finished GOPs are kept in `dst` + ".part".
 
     Args:
         src: what to encode, one of
@@ -168,14 +168,14 @@ def encode(
             reader = partial(ReadThere, video, request.reading, lookahead)
         passes = Passes(lookahead, size, reader, runner, meter_of)
 
-        # A size is met by a constant quality, which a first pass finds.
-        made, sizes = chosen, None
-        if isinstance(chosen.target, FilmSize):
-            sizes = checkpoint.first_pass
-            if sizes is None:
-                sizes = _sizes(chosen, chosen.target, passes, begin, extras)
-                checkpoint.keep_first_pass(sizes)
-            made = chosen.at_quality(sizes.crf)
+        # A size or a PSNR is met by a constant quality, which first passes find.
+        made, aims = chosen, None
+        if isinstance(chosen.target, Aim):
+            aims = checkpoint.first_pass
+            if aims is None:
+                aims = _aims(chosen, chosen.target, passes, begin, extras)
+                checkpoint.keep_first_pass(aims)
+            made = chosen.at_quality(aims.crf)
             meter = meter_of(checkpoint, time.perf_counter())
 
         # Plan each section, and fit: chains side by side, the GOPs of each one after another.
@@ -192,13 +192,13 @@ def encode(
         meter.workers, lookahead.waiting = runner.at_once, meter.report
         meter.report()
         with open_output(destination) as output:
-            for _ in passes.fitted(made, checkpoint, began, sizes):
+            for _ in passes.fitted(made, checkpoint, began, aims):
                 output.write_finished()
                 meter.report()
             writer = output.finish()
         gop_stats = _gop_stats(lookahead, writer, checkpoint)
-    if sizes is not None:
-        _warn_of_size(sum(gop.bytes for gop in gop_stats), sizes.total)
+    if isinstance(aims, Sizes):
+        _warn_of_size(sum(gop.bytes for gop in gop_stats), aims.total)
     seconds = float(sum(lookahead.durations) * video.info.time_base)
     return _result(request, gop_stats, writer, extras.streams_bytes, seconds, began)
 
@@ -216,28 +216,31 @@ def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Sp
     return Span(start, stop)
 
 
-def _sizes(
+def _aims(
     settings: EncodeSettings,
-    target: FilmSize,
+    target: Aim,
     passes: Passes,
     begin: Callable[..., GsvrWriter],
     extras: Extras,
-) -> Taken:
-    """Return what each GOP may take of a size, and the quality of that, by a first pass."""
-    known = passes.lookahead
-    empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
+) -> Sizes | Qualities:
+    """Return what each GOP is to take or to reach, and the quality of that, by first passes."""
+    known, measure = passes.lookahead, passes.measured
     seconds = sum(section.seconds for section in known.sections())
-    gops = len(known.gops)
-    room = target.room(
-        passes.size,
-        len(known.stats),
-        gops,
-        seconds=seconds,
-        overhead=empty.final_size(len(extras.streams) + gops, 0),
-        streams=extras.streams_bytes,
-    )
-    guess = target.guess(known.stats, passes.size, seconds)
-    return first_pass(settings, guess.crf, room, passes.measured)
+    guess = target.guess(known.stats, passes.size, seconds).crf
+    if isinstance(target, FilmSize):
+        empty = begin(io.BytesIO(), stream=False, extras=replace(extras, streams=()))
+        room = target.room(
+            passes.size,
+            len(known.stats),
+            len(known.gops),
+            seconds=seconds,
+            overhead=empty.final_size(len(extras.streams) + len(known.gops), 0),
+            streams=extras.streams_bytes,
+        )
+        return first_pass(settings, guess, SizeGoal(room), measure)
+    assert isinstance(target, MeanPsnr)
+    frames = tuple(map(len, known.gops))
+    return first_pass(settings, guess, PsnrGoal(target.decibels, frames), measure)
 
 
 def _begin(

@@ -1,7 +1,7 @@
-"""Targets of a film: numbers, a constant quality, a mean PSNR, a size.
+"""Targets of a film: numbers, a constant quality; aims that such a quality meets: a size, a PSNR.
 
-A target knows which bits and which quality to expect of frames, and what each GOP is to reach. A
-size is met by a constant quality, which is a guess at first.
+A target knows which bits and which quality to expect of frames, and what each GOP is to reach. The
+constant quality that meets an aim is a guess at first.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsvrcodec.encoder.rate import bpp_at, bpp_for, complexity, crf_of, qscale_at, qscale_of
-from gsvrcodec.encoder.tuned import RATE, SIZE
+from gsvrcodec.encoder.tuned import PSNR, RATE, SIZE
 from gsvrcodec.errors import UsageError
-from gsvrcodec.fit.target import Count, Quality, Slope, Target
+from gsvrcodec.fit.target import Count, Slope, Target
 
 if TYPE_CHECKING:
     from gsvrcodec.encoder.analysis import FrameStats
@@ -95,27 +95,39 @@ class ConstantQuality(FilmTarget):
         return Slope(self.qscale, most, max(1.0, lasting))
 
 
+class Aim(ABC):
+    """What a constant quality has to meet, which first passes find."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def guess(
+        self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float
+    ) -> ConstantQuality:
+        """Return the constant quality that may meet it.
+
+        Args:
+            stats: Statistics of the frames.
+            size: Width and height, pixels.
+            seconds: Duration of the frames.
+        """
+
+
 @dataclass(frozen=True, slots=True)
-class MeanPsnr(FilmTarget):
+class MeanPsnr(Aim):
     """A mean PSNR of all frames."""
 
     decibels: float
 
-    def bpp(self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float) -> float:
-        """Return the bits a pixel that frames may need for the quality."""
-        return bpp_for(stats, self.decibels)
-
-    def psnr(self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float) -> float:
-        """Return the quality, dB."""
-        return self.decibels
-
-    def of_gop(self, most: int, lasting: float) -> Target:
-        """Return the quality."""
-        return Quality(self.decibels)
+    def guess(
+        self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float
+    ) -> ConstantQuality:
+        """Return the constant quality that may come to it; arguments as of `Aim`."""
+        return ConstantQuality(crf_of(qscale_at(stats, bpp_for(stats, self.decibels - PSNR.guess))))
 
 
 @dataclass(frozen=True, slots=True)
-class FilmSize:
+class FilmSize(Aim):
     """A size of the whole file, as one of three arguments of `encode` says it."""
 
     argument: Literal["bpp", "bitrate", "target_size"]
@@ -130,7 +142,7 @@ class FilmSize:
     def guess(
         self, stats: Sequence[FrameStats], size: tuple[int, int], seconds: float
     ) -> ConstantQuality:
-        """Return the constant quality that may come to the size; arguments as of `bpp`."""
+        """Return the constant quality that may come to the size; arguments as of `Aim`."""
         total = 8 * max(1.0, self.bytes(size, len(stats), seconds, 0))
         bpp = total / (len(stats) * size[0] * size[1])
         return ConstantQuality(crf_of(qscale_at(stats, bpp / ConstantQuality.taken)))

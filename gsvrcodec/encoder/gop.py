@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gsvrcodec.bitstream.attribute_planes import Memories
 from gsvrcodec.bitstream.gop_payload import pack_gop, unpack_plate
 from gsvrcodec.encoder.job import GopJob
-from gsvrcodec.encoder.plan import fittable, most_gaussians
+from gsvrcodec.encoder.plan import fittable
 from gsvrcodec.encoder.plates import gop_plate
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.fit.fitting import Allowance, Fit, fit_gop
@@ -24,7 +24,7 @@ from gsvrcodec.fit.plate import shows
 from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.start import affordable
-from gsvrcodec.fit.target import Size
+from gsvrcodec.fit.target import Quality, Size
 from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
@@ -111,11 +111,27 @@ class _Fitter:
         return fit
 
     def key(self) -> Fit:
-        """Fit a key GOP to what the budget asks for."""
+        """Fit a key GOP to what the budget asks for; once more if it falls short of a quality."""
         self._take_plate()
-        job, budget = self.job, self.job.budget
-        most, timed = most_gaussians(job.size), job.seconds is not None
-        return budget.target.fit(self._key, budget.gaussians, most, timed=timed)
+        fit, target = self._key(), self.job.budget.target
+        if isinstance(target, Quality) and self.job.seconds is None:
+            job, finer = self.job, target.finer(fit.psnr)
+            if finer is not None:
+                self.job = replace(job, budget=replace(job.budget, target=finer))
+                again = self._key()
+                if again.psnr > fit.psnr:
+                    return again
+                self.job = job
+        return fit
+
+    def _key(self) -> Fit:
+        """Fit a key GOP."""
+        job, gaussians = self.job, self.job.budget.gaussians
+        effort = self._allowance(gaussians)
+        what = self._footage, gaussians, job.grid, job.options, effort, self.backend
+        if job.settings.profile == "paper":
+            return fit_as_published(*what, seed=job.seed)
+        return fit_gop(*what, seed=job.seed, slope=job.budget.slope)
 
     def _take_plate(self) -> None:
         """Take a plate for a key GOP, if one pays; then it is most of what lasts."""
@@ -140,28 +156,20 @@ class _Fitter:
         budget = replace(budget, gaussians=count, grid=grid)
         self.job = replace(job, budget=budget)
 
-    def _key(self, gaussians: int, share: float) -> Fit:
-        """Fit so many Gaussians with a share of the job's effort."""
-        job, effort = self.job, self._allowance(gaussians, share)
-        what = self._footage, gaussians, job.grid, job.options, effort, self.backend
-        if job.settings.profile == "paper":
-            return fit_as_published(*what, seed=job.seed)
-        return fit_gop(*what, seed=job.seed, slope=job.budget.slope)
-
     @property
     def _fittable(self) -> float:
         """Gaussians that the job's time suffices for; inf = it has no wall time."""
         job = self.job
         return math.inf if job.seconds is None else fittable(job.seconds, job.execution)
 
-    def _allowance(self, gaussians: float, share: float = 1.0) -> Allowance:
-        """Return a share of the job's effort, without the time that packing so many takes."""
+    def _allowance(self, gaussians: float) -> Allowance:
+        """Return the job's effort, without the time that packing so many takes."""
         job, seconds = self.job, None
         if job.seconds is not None:
             each = EFFORT.packing_seconds + job.budget.target.searches * EFFORT.search_seconds
             packing = min(each * gaussians, EFFORT.packing_share * job.seconds)
-            seconds = share * (job.seconds - packing) - (time.perf_counter() - self.began)
-        return Allowance(share * job.steps, seconds, self._fittable)
+            seconds = job.seconds - packing - (time.perf_counter() - self.began)
+        return Allowance(job.steps, seconds, self._fittable)
 
 
 class _Packer:

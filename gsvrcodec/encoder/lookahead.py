@@ -18,7 +18,7 @@ from gsvrcodec.ahead import ahead
 from gsvrcodec.encoder.analysis import Analysis, FrameStats, analyse
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Chain, Section, divided
-from gsvrcodec.encoder.film_target import FilmSize
+from gsvrcodec.encoder.film_target import Aim
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import LOOKAHEAD
 from gsvrcodec.fit.motion import flow_estimator
@@ -205,6 +205,6 @@ class Lookahead:
         """Return the chains of a section of so many seconds."""
         info, target = self._video.info, self._settings.target
         size = info.width, info.height
-        if isinstance(target, FilmSize):
+        if isinstance(target, Aim):
             target = target.guess(stats, size, seconds)
         return divided(stats, size, self._settings.structure, target, seconds=seconds)

@@ -16,7 +16,7 @@ from gsvrcodec.encoder.progress import Meter
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.size import Taken
+from gsvrcodec.encoder.size import Plan, Taken
 from gsvrcodec.encoder.source import ChainReader
 
 
@@ -35,7 +35,7 @@ class Passes:
         settings: EncodeSettings,
         kept: Checkpoint,
         began: float,
-        sizes: Taken | None = None,
+        aims: Plan | None = None,
     ) -> Iterator[EncodedGop]:
         """Keep each GOP that is missing, then yield it.
 
@@ -43,13 +43,13 @@ class Passes:
             settings: Of the pass.
             kept: GOPs that are finished.
             began: `time.perf_counter()` when the time budget did.
-            sizes: That GOPs are to take; None = any.
+            aims: What GOPs are to do; None = any.
         """
 
         def budgets_of(section: Section) -> list[Budget]:
             stats, seconds = self.lookahead.stats, section.seconds
             found = plan(section.chains, stats, self.size, settings, seconds=seconds)
-            return found if sizes is None else sizes.budgets(found)
+            return found if aims is None else aims.budgets(found)
 
         sections, at_once = self.lookahead.sections(), self.runner.at_once()
         tasks = all_tasks(sections, budgets_of, settings, kept, began, self.reader(), at_once)
@@ -59,7 +59,7 @@ class Passes:
                 yield done
 
     def measured(self, settings: EncodeSettings) -> Taken:
-        """Return what the GOPs of the film take at a constant quality."""
+        """Return what the GOPs of the film take, and reach, at a constant quality."""
         assert settings.crf is not None
         with Checkpoint(None, {}, resume=False, restart=False) as kept:
             began = time.perf_counter()
@@ -68,5 +68,6 @@ class Passes:
             meter.report("measuring")
             for _ in self.fitted(settings, kept, began):
                 meter.report("measuring")
-            payloads = map(kept.payload, self.lookahead.gops)
-            return Taken.by(settings.crf, payloads, share=settings.predicts)
+            gops = self.lookahead.gops
+            psnrs = [kept.figures(gop).psnr for gop in gops]
+            return Taken.by(settings.crf, map(kept.payload, gops), psnrs, share=settings.predicts)

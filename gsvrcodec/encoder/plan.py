@@ -9,13 +9,13 @@ from statistics import fmean
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.film_target import FilmSize, Numbers
+from gsvrcodec.encoder.film_target import Aim, Numbers
 from gsvrcodec.encoder.rate import bit_weights, lasting
 from gsvrcodec.encoder.settings import EncodeSettings, Execution
 from gsvrcodec.encoder.tuned import CHAIN, RATE
 from gsvrcodec.errors import UsageError
 from gsvrcodec.fit.start import affordable
-from gsvrcodec.fit.target import Count, Size, Slope, Target
+from gsvrcodec.fit.target import Count, Quality, Size, Slope, Target
 from gsvrcodec.fit.tuned import TRIPLANE
 from gsvrcodec.model.attributes import gaussian_parameters, triplane_channels
 from gsvrcodec.model.gop import GridSize
@@ -48,15 +48,18 @@ class Budget:
         match self.target:
             case Slope() as slope:
                 return slope
-            case Size(slope=slope):
+            case Size(slope=slope) | Quality(slope=slope):
                 return slope
         return None
 
     def beside_plate(self, slope: Slope, size: int) -> Budget:
         """Return a budget with another slope, and with so many bytes more for a plate."""
         target: Target = slope
-        if isinstance(self.target, Size):
-            target = Size(self.target.bytes + size, slope)
+        match self.target:
+            case Size(bytes=own):
+                target = Size(own + size, slope)
+            case Quality(psnr=psnr):
+                target = Quality(psnr, slope)
         return replace(self, target=target)
 
 
@@ -147,14 +150,14 @@ def plan(
         chains: Frames of each GOP, one after another.
         stats: Statistics of every frame of the film up to the end of the section.
         size: Width and height, pixels.
-        settings: Of the encode; a size is met by a constant quality.
+        settings: Of the encode; a size or a PSNR is met by a constant quality.
         seconds: Duration of the section.
 
     Raises:
         UsageError: The parameters asked for are too few for this video.
     """
     target = settings.target
-    assert not isinstance(target, FilmSize)
+    assert not isinstance(target, Aim)
     if isinstance(target, Numbers):
         counts = allocate(chains, size, settings)
         return [Budget(n) for n, chain in zip(counts, chains, strict=True) for _ in chain]

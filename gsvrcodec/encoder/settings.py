@@ -19,6 +19,7 @@ from typing import (
 
 from gsvrcodec.encoder.film import Structure
 from gsvrcodec.encoder.film_target import (
+    Aim,
     ConstantQuality,
     FilmSize,
     FilmTarget,
@@ -111,7 +112,7 @@ class EncodeSettings:
     #: seconds; 0 = every GOP is a key GOP
     keyint: float = 4.0
     flow: Flow = "dis"  #: optical flow for slicing and motion start
-    plates: bool = True  #: pictures behind the Gaussians where the source stands still; with `crf`
+    plates: bool = True  #: pictures behind the Gaussians where the source stands still
     qat: bool = True  #: fine-tune under the quantisation to come
     pack: Pack = "auto"  #: plane codecs to choose from; "auto" = smallest for each plane
     seed: int = 0  #: of every random choice
@@ -187,12 +188,17 @@ class EncodeSettings:
         by_default = self.profile == "main" and not self._sizes
         return DEFAULT_CRF if by_default else self.crf
 
+    @property
+    def has_quality(self) -> bool:
+        """Whether the quality of GOPs is given, whatever bits they take."""
+        return self.quality is not None or self.target_psnr is not None
+
     def at_quality(self, crf: float) -> Self:
-        """Return the same with a constant quality in place of a size."""
-        return replace(self, crf=crf, bpp=None, bitrate=None, target_size=None)
+        """Return the same with a constant quality in place of a size or a PSNR."""
+        return replace(self, crf=crf, bpp=None, bitrate=None, target_size=None, target_psnr=None)
 
     @property
-    def target(self) -> FilmTarget | FilmSize:
+    def target(self) -> FilmTarget | Aim:
         """What the file is to take or to reach."""
         if self.quality is not None:
             return ConstantQuality(self.quality)
@@ -207,7 +213,7 @@ class EncodeSettings:
     @property
     def has_plates(self) -> bool:
         """Whether GOPs may have plates."""
-        return self.plates and (self.quality is not None or isinstance(self.target, FilmSize))
+        return self.plates and not isinstance(self.target, Numbers)
 
     @property
     def structure(self) -> Structure:
@@ -218,7 +224,7 @@ class EncodeSettings:
         numbers are given GOPs end by motion, as published: short ones would have few Gaussians.
         """
         predicts = self.profile == "main" and self.params is None
-        keyint, parted = self.keyint * predicts, self.quality is not None
+        keyint, parted = self.keyint * predicts, self.has_quality
         by_motion = isinstance(self.target, Numbers)
         effort = EFFORT.frame_visits[self.preset] / min(EFFORT.frame_visits.values())
         return Structure(self.gop, self.gop_min, self.gop_max, keyint, parted, by_motion, effort)
@@ -239,7 +245,7 @@ class EncodeSettings:
         if self.time_budget is not None:
             return True
         match self.target:
-            case FilmSize() | Numbers(gaussians=None):
+            case Aim() | Numbers(gaussians=None):
                 return True
         return False
 

@@ -127,6 +127,16 @@ class _Size:
 
 
 @dataclass(frozen=True, slots=True)
+class _Psnr:
+    """Meeting a mean PSNR."""
+
+    time: float = 0.4  #: time of a first pass / time budget
+    guess: float = 2.0  #: dB by which the model of bits is too pessimistic, in the mean
+    crf_step: float = 0.5  #: dB that a CRF costs
+    effort: float = 0.9  #: dB that a film has more than a first pass of less effort
+
+
+@dataclass(frozen=True, slots=True)
 class _Processes:
     """When several processes pay."""
 
@@ -144,4 +154,5 @@ RATE = _Rate()
 CRF = _Crf()
 CHAIN = _Chain()
 SIZE = _Size()
+PSNR = _Psnr()
 PROCESSES = _Processes()

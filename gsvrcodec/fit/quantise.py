@@ -191,11 +191,6 @@ class QuantisedFit:
         """The qscale at which quantisation costs 0.2 dB."""
         return usual_qscale(self.fit.footage.pixels, len(self.fit.gop), self.fit.psnr)
 
-    @property
-    def is_tuned(self) -> bool:
-        """Whether `quantised` tunes."""
-        return self.fit.tuning is not None
-
     def size(self, qscale: float, *, exact: bool = False) -> int:
         """Bytes at a qscale, before tuning; not `exact` = by the quick choice of codecs."""
         return self.measure(*self._stored(qscale), exact)

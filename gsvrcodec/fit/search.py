@@ -1,11 +1,10 @@
-"""The qscale, and the number of Gaussians, that meet a size or a quality."""
+"""The qscale that meets a size or a quality."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import fmean
 from typing import Protocol, TypeVar
 
 from gsvrcodec.fit.tuned import RATE_CONTROL
@@ -102,10 +101,6 @@ class Candidate(Protocol[R]):
     def usual_qscale(self) -> float:
         """A qscale to begin with."""
 
-    @property
-    def is_tuned(self) -> bool:
-        """Whether `quantised` tunes, which wins back a part of the quantisation loss."""
-
     def size(self, qscale: float, *, exact: bool = False) -> int:
         """Bytes before tuning; not `exact` = a quick estimate from above."""
 
@@ -117,21 +112,6 @@ class Candidate(Protocol[R]):
 
     def stored_bytes(self, result: R) -> int:
         """Bytes of what `quantised` returned."""
-
-
-class Trial(Protocol):
-    """A fit by its number of Gaussians."""
-
-    @property
-    def psnr(self) -> float:
-        """PSNR before quantisation, dB."""
-
-    @property
-    def steps(self) -> float:
-        """Optimiser steps of the fit."""
-
-
-F = TypeVar("F", bound=Trial)
 
 
 def quantise_to_size(candidate: Candidate[R], target_bytes: int, qscale: float) -> R:
@@ -163,29 +143,38 @@ def _finest(candidate: Candidate[R]) -> float:
     return RATE_CONTROL.finest_usual * candidate.usual_qscale
 
 
-def quantise_to_psnr(candidate: Candidate[R], target_psnr: float) -> R:
+def quantise_to_psnr(candidate: Candidate[R], target_psnr: float, qscale: float) -> R:
     """Quantise so that the decoded frames come to about `target_psnr`, dB, after tuning.
 
     Of all trials the nearest is returned. Once one is above and another below, the next lies
-    between them.
+    between them. Where the quality is out of reach it is not paid for by ever finer steps.
+
+    Args:
+        candidate: a fit.
+        target_psnr: dB.
+        qscale: to begin with; the others are at most `RATE_CONTROL.reach` times as large or small.
     """
-    left = RATE_CONTROL.loss_left if candidate.is_tuned else 1.0
-    trials = RATE_CONTROL.tunings if candidate.is_tuned else 1
-    qscale = candidate.usual_qscale
+    low = max(qscale / RATE_CONTROL.reach, RATE_CONTROL.finest)
+    high = min(qscale * RATE_CONTROL.reach, RATE_CONTROL.coarsest)
     misses: list[float] = []
     qscales: list[float] = []
-    for _ in range(trials):
-        loss = max(0.0, candidate.psnr - target_psnr) / left
-        wanted = Goal.of_psnr(candidate.psnr - loss)
-        qscale = _between(misses, qscales) or find_qscale(candidate.quality, wanted, qscale)
-        result = candidate.quantised(qscale, trials=trials)
+    for _ in range(RATE_CONTROL.tunings):
+        result = candidate.quantised(qscale, trials=RATE_CONTROL.tunings)
         misses.append(result.psnr - target_psnr)
         qscales.append(qscale)
         if abs(misses[-1]) == min(map(abs, misses)):
             nearest = result
-        if abs(misses[-1]) < RATE_CONTROL.near or not loss:
+        if abs(misses[-1]) < RATE_CONTROL.near:
             break
-        left = min(max(0.2, (candidate.psnr - result.psnr) / loss), 1.0)
+        found = _between(misses, qscales)
+        if found is None:
+            rounding = max(candidate.psnr - candidate.quality(qscale), 1e-3)
+            left = min(max(0.2, (candidate.psnr - result.psnr) / rounding), 1.0)
+            loss = max(0.0, candidate.psnr - target_psnr) / left
+            found = find_qscale(candidate.quality, Goal.of_psnr(candidate.psnr - loss), qscale)
+        qscale = min(max(found, low), high)
+        if qscale == qscales[-1]:  # out of reach
+            break
     return nearest
 
 
@@ -199,45 +188,3 @@ def _between(misses: list[float], qscales: list[float]) -> float | None:
     share = below[1] / (below[1] - above[1])
     between: float = below[0] * (above[0] / below[0]) ** share
     return between
-
-
-def fit_to_psnr(
-    fit: Callable[[int, float], F],
-    target_psnr: float,
-    gaussians: int,
-    most: int,
-    *,
-    refits: int = RATE_CONTROL.refits,
-) -> F:
-    """Find the number of Gaussians whose fit suits `target_psnr`, and return that fit.
-
-    A pilot of a part of the effort tells the number; whole fits follow until one has a sensible
-    quantisation loss to spare.
-
-    Args:
-        fit: makes a fit of N Gaussians with a fraction of the effort.
-        target_psnr: dB, of the decoded frames.
-        gaussians: a first guess.
-        most: bound of N.
-        refits: whole fits after the first; 0 = keep the first, as under a time budget.
-    """
-    aim = fmean(RATE_CONTROL.spare)
-
-    def more(count: int, gain: float) -> int:
-        """Gaussians that would reach `gain` dB more."""
-        octaves = min(max(gain, -9.0), 9.0) / RATE_CONTROL.octave
-        return min(max(1, round(count * 2**octaves)), most)
-
-    pilot = fit(gaussians, RATE_CONTROL.pilot)
-    scale, power = RATE_CONTROL.deficit
-    reachable = pilot.psnr + scale * pilot.steps**power
-    gaussians = more(gaussians, target_psnr + RATE_CONTROL.rounding_loss + aim - reachable)
-    found = fit(gaussians, 1.0)
-    for _ in range(refits):
-        spare = found.psnr - target_psnr - RATE_CONTROL.rounding_loss
-        better = more(gaussians, aim - spare)
-        if RATE_CONTROL.spare[0] <= spare <= RATE_CONTROL.spare[1] or better == gaussians:
-            break
-        gaussians = better
-        found = fit(gaussians, 1.0)
-    return found

@@ -7,21 +7,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.search import (
-    Candidate,
-    F,
-    R,
-    fit_to_psnr,
-    quantise_to_psnr,
-    quantise_to_size,
-)
+from gsvrcodec.fit.search import Candidate, R, quantise_to_psnr, quantise_to_size
 from gsvrcodec.fit.tuned import RATE_CONTROL, SLOPE, STEPS
 
 
@@ -32,17 +24,6 @@ class Target(ABC):
 
     #: Whether several qscales are tried before a fit is stored.
     searches: ClassVar[bool] = False
-
-    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
-        """Fit a key GOP.
-
-        Args:
-            fit: Makes a fit of N Gaussians with a fraction of the effort.
-            gaussians: N, or a first guess.
-            most: Bound of N.
-            timed: Whether a wall time leaves no room for fits that are thrown away.
-        """
-        return fit(gaussians, 1.0)
 
     @abstractmethod
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
@@ -61,24 +42,6 @@ class Count(Target):
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale of the GOP before, or at the usual one."""
         return candidate.quantised(candidate.usual_qscale if before is None else before)
-
-
-@dataclass(frozen=True, slots=True)
-class Quality(Target):
-    """A mean PSNR of the decoded frames."""
-
-    searches = True
-
-    psnr: float  #: dB
-
-    def fit(self, fit: Callable[[int, float], F], gaussians: int, most: int, *, timed: bool) -> F:
-        """Fit as many as the quality needs."""
-        refits = 0 if timed else RATE_CONTROL.refits
-        return fit_to_psnr(fit, self.psnr, gaussians, most, refits=refits)
-
-    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
-        """Store at the qscale that meets the quality."""
-        return quantise_to_psnr(candidate, self.psnr)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +130,29 @@ class Size(Target):
     def quantise(self, candidate: Candidate[R], before: float | None) -> R:
         """Store at the qscale that meets the size."""
         return quantise_to_size(candidate, self.bytes, self.slope.stored_qscale)
+
+
+@dataclass(frozen=True, slots=True)
+class Quality(Target):
+    """A mean PSNR of the decoded frames, for a fit by a slope that comes to about that."""
+
+    searches = True
+
+    psnr: float  #: dB
+    slope: Slope
+
+    def quantise(self, candidate: Candidate[R], before: float | None) -> R:
+        """Store at the qscale that meets the quality."""
+        return quantise_to_psnr(candidate, self.psnr, self.slope.stored_qscale)
+
+    def finer(self, psnr: float) -> Self | None:
+        """Return the target with a finer slope, for a fit that has too low a PSNR; else None."""
+        short = self.psnr - psnr
+        if short <= 0:
+            return None
+        octaves = (short + RATE_CONTROL.spare) / RATE_CONTROL.octave
+        qscale = max(self.slope.qscale / 2**octaves, RATE_CONTROL.finest)
+        return replace(self, slope=replace(self.slope, qscale=qscale))
 
 
 def _gaussian_bits(moving: float) -> float:

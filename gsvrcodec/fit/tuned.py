@@ -288,16 +288,11 @@ class _Staged:
 class _RateControl:
     """Meeting a size or a quality."""
 
-    octave: float = 2.3  #: dB gained by twice as many Gaussians
-    pilot: float = 1 / 6  #: effort of the pilot fit, which tells the number / effort of a fit
-    deficit: tuple[float, float] = (119.0, -0.65)  #: a, b: a pilot of n steps is a n^b dB short
-    rounding_loss: float = 0.4  #: dB lost by rounding at sensible steps
-    #: float PSNR - target - `rounding_loss` that needs no other fit, dB
-    spare: tuple[float, float] = (-0.2, 0.8)
-    refits: int = 4  #: most other fits, which aim at the middle of `spare`
-    loss_left: float = 0.5  #: quantisation loss after tuning / before, at first
     tunings: int = 4  #: most trials of the qscale with tuning
+    octave: float = 2.4  #: dB gained by half the qscale of the slope
+    spare: float = 0.4  #: dB by which a fit is to be above its target, where another was below
     near: float = 0.04  #: dB by which a quality may be missed
+    reach: float = 1.6  #: most qscale of a GOP that is to reach a quality / that of its slope
     size_room: float = 0.003  #: bytes kept free for what tuning may add / size
     finest_usual: float = 0.5  #: finest qscale where a size is to be met / usual one
     finest: float = 0.1  #: finest qscale

@@ -10,10 +10,10 @@ import numpy as np
 
 from gsvrcodec.encoder.analysis import FrameStats
 from gsvrcodec.encoder.film import Chain
-from gsvrcodec.encoder.film_target import FilmSize, FilmTarget
+from gsvrcodec.encoder.film_target import Aim, FilmTarget
 from gsvrcodec.encoder.job import GopJob
 from gsvrcodec.encoder.plan import Budget
-from gsvrcodec.encoder.rate import crf_of, qscale_at
+from gsvrcodec.encoder.rate import bpp_for, crf_of, qscale_at
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.source import ChainFrames
@@ -67,13 +67,19 @@ def chains_of(*lengths: Iterable[int]) -> list[Chain]:
 
 
 def of_rate(
-    stats: Sequence[FrameStats], *, bpp: float | None = None, **settings: Any
+    stats: Sequence[FrameStats],
+    *,
+    bpp: float | None = None,
+    target_psnr: float | None = None,
+    **settings: Any,
 ) -> dict[str, Any]:
-    """Return settings; in place of `bpp`, the quality at which frames take so many by the model."""
+    """Return settings; in place of `bpp` or a PSNR, the quality that comes to it by the model."""
+    if target_psnr is not None:
+        bpp = bpp_for(stats, target_psnr)
     return settings if bpp is None else settings | {"crf": crf_of(qscale_at(stats, bpp))}
 
 
 def of_film(settings: EncodeSettings) -> FilmTarget:
-    """Return the target of settings without a size."""
-    assert not isinstance(settings.target, FilmSize)
+    """Return the target of settings without a size or a PSNR."""
+    assert not isinstance(settings.target, Aim)
     return settings.target

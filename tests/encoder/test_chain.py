@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
@@ -18,7 +17,7 @@ from gsvrcodec.encoder.rate import visited_frames
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.settings import EncodeSettings, Pack
 from gsvrcodec.encoder.tuned import SIZE
-from gsvrcodec.fit.target import Quality, Size, Slope
+from gsvrcodec.fit.target import Quality, Size, Slope, Target
 from tests.encoder.chains import BUDGET, LENGTHS, PAYLOADS, RESULTS, driven, frames_of, ranges
 from tests.gops import (
     BITS,
@@ -152,28 +151,11 @@ class TestRoom:
         assert beside.bytes == within.bytes + len(coded)
 
 
-class TestQuality:
-    def gaussians(self, float_psnr: float) -> list[int]:
-        results = [replace(result, float_psnr=float_psnr) for result in RESULTS]
-        jobs = jobs_of([Budget(80, Quality(30.0))] * 3, results)
-        return [job.budget.gaussians for job in jobs]
-
-    def test_a_gop_begins_with_the_gaussians_of_its_reference(self) -> None:
-        counts = [len(whole.gop) for whole in decode_all(make_file(PAYLOADS))]
-        low, sensible, high = (self.gaussians(psnr) for psnr in (25.0, 30.7, 40.0))
-        assert low[0] == sensible[0] == high[0] == 80
-        assert sensible[1:] == counts[:2]
-        assert low[1] > counts[0] > high[1]
-
-    def test_the_quality_stays(self) -> None:
-        jobs = jobs_of([Budget(80, Quality(30.0))] * 3)
-        assert {job.budget.target for job in jobs} == {Quality(30.0)}
-
-
-def test_a_slope_and_its_gaussians_stay() -> None:
-    jobs = jobs_of([Budget(80, Slope(2.0, 500))] * 3)
+@pytest.mark.parametrize("target", [Slope(2.0, 500), Quality(30.0, Slope(2.0, 500))], ids=str)
+def test_a_slope_or_a_quality_and_its_gaussians_stay(target: Target) -> None:
+    jobs = jobs_of([Budget(80, target)] * 3)
     assert [job.budget.gaussians for job in jobs] == [80] * 3
-    assert {job.budget.target for job in jobs} == {Slope(2.0, 500)}
+    assert {job.budget.target for job in jobs} == {target}
 
 
 class TestTime:

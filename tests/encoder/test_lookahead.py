@@ -98,7 +98,7 @@ class TestSections:
     ) -> None:
         assert lengths(film, checkpoint, **settings) == [FIRST + SECOND]
 
-    @pytest.mark.parametrize("settings", [{"crf": 30}, {"target_psnr": 30}, {"gaussians": 9}])
+    @pytest.mark.parametrize("settings", [{"crf": 30}, {"gaussians": 9}])
     def test_shots_by_themselves_where_not(
         self, film: Path, checkpoint: Checkpoint, settings: dict[str, Any]
     ) -> None:

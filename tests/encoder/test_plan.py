@@ -11,7 +11,6 @@ from gsvrcodec.encoder.plan import Budget, grid_parameters, most_gaussians, plan
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
 from gsvrcodec.encoder.tuned import RATE
-from gsvrcodec.fit.target import Quality
 from tests.encoder.chains import chains_of, of_rate
 
 
@@ -53,13 +52,13 @@ class TestChains:
         assert gaussians(time_budget=0.2, changed=0.0) > 3 * short
 
     def test_all_gops_of_a_chain_have_as_many_gaussians(self) -> None:
-        for settings in ({"bpp": 0.1}, {"target_psnr": 33.0}, {"params": 500_000}):
+        for settings in ({"bpp": 0.1}, {"params": 500_000}):
             budgets = self.plan([16, 16, 16], [16], **settings)
             assert len({budget.gaussians for budget in budgets[:3]}) == 1
             assert budgets[3].gaussians != budgets[0].gaussians
 
     def test_there_is_a_most(self) -> None:
-        budgets = self.plan([16, 16], target_psnr=90.0)
+        budgets = self.plan([16, 16], params=10**8)
         assert {budget.gaussians for budget in budgets} == {most_gaussians(self.SIZE)}
 
     def test_a_slope_is_that_of_every_gop(self) -> None:
@@ -108,10 +107,10 @@ class TestPlan:
         assert 1.3 * static.gaussians < moving.gaussians
 
     def test_a_quality_is_the_same_for_all(self) -> None:
-        static, moving = self.budgets(1, 30, target_psnr=36.0)
-        assert static.target == moving.target == Quality(36.0)
+        static, moving = self.budgets(1, 30, crf=26)
+        assert static.slope == moving.slope
         assert static.gaussians < moving.gaussians
-        assert self.budgets(1, target_psnr=38.0)[0].gaussians > static.gaussians
+        assert self.budgets(1, crf=24)[0].gaussians > static.gaussians
 
     def test_no_target(self) -> None:
         assert self.budgets(1, 30, gaussians=77) == [Budget(77)] * 2

@@ -283,7 +283,7 @@ def test_the_same_in_any_process(with_plate: bytes) -> None:
     assert encoded(workers=2, threads=1) == with_plate
 
 
-@pytest.mark.parametrize("options", [{"target_psnr": 30}, {"gaussians": 300}, {"profile": "paper"}])
+@pytest.mark.parametrize("options", [{"gaussians": 300}, {"profile": "paper"}])
 def test_only_slopes_have_them(options: dict[str, Any]) -> None:
     if options.get("profile") == "paper":
         options = {**options, "gaussians": 300}

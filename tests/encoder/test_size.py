@@ -20,9 +20,20 @@ from gsvrcodec.encoder.film_target import FilmSize
 from gsvrcodec.encoder.plan import Budget
 from gsvrcodec.encoder.rate import crf_of, qscale_of
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.size import Rooms, Spending, Taken, first_pass
-from gsvrcodec.encoder.tuned import SIZE
+from gsvrcodec.encoder.size import (
+    PsnrGoal,
+    Qualities,
+    Rooms,
+    SizeGoal,
+    Sizes,
+    Spending,
+    Taken,
+    first_pass,
+    plan_from_json,
+)
+from gsvrcodec.encoder.tuned import CRF, PSNR, SIZE
 from gsvrcodec.errors import UsageError
+from gsvrcodec.fit.target import Quality, Slope
 from gsvrcodec.fit.tuned import RATE_CONTROL
 from tests import making
 from tests.fit.synthetic import moving_texture
@@ -30,7 +41,13 @@ from tests.fit.test_plate import film
 from tests.gops import BITS, make_chain, make_gop, make_payload
 from tests.vectors.streams import a_plate
 
-TAKEN = Taken(26.0, (60_000, 0, 0), (10_000, 20_000, 30_000), (False, True, True))
+TAKEN = Taken(
+    26.0, (60_000, 0, 0), (10_000, 20_000, 30_000), (36.0, 38.0, 37.5), (False, True, True)
+)
+
+
+def for_size(room: int, *, quick: bool = False) -> Sizes:
+    return SizeGoal(room).plan(TAKEN, quick=quick)
 
 
 def with_plate(plate: bytes) -> bytes:
@@ -73,21 +90,28 @@ class TestTaken:
         one, other = a_plate(64, 48), a_plate(64, 48, 1)
         payloads = [with_plate(one), make_payload(), with_plate(one), with_plate(other)]
         bare = len(payloads[0]) - len(one)
-        taken = Taken.by(30.0, payloads, share=True)
+        psnrs = [35.0, 36.0, 37.0, 38.0]
+        taken = Taken.by(30.0, payloads, psnrs, share=True)
         assert taken.plates == (len(one), 0, 0, len(other))
         assert taken.others == (bare, len(payloads[1]), bare, bare)
-        assert Taken.by(30.0, payloads, share=False).plates == (len(one), 0, len(one), len(other))
+        assert Taken.by(30.0, payloads, psnrs, share=False).plates == (
+            len(one),
+            0,
+            len(one),
+            len(other),
+        )
         assert taken.predicted == (False,) * 4
-        assert Taken.by(30.0, make_chain((3, 2)), share=True).predicted == (False, True)
+        assert taken.mean_psnr([1, 1, 1, 5]) == 37.25
+        assert Taken.by(30.0, make_chain((3, 2)), psnrs[:2], share=True).predicted == (False, True)
 
     def test_json(self) -> None:
-        written = json.dumps(TAKEN.to_json())
-        assert Taken.from_json(json.loads(written)) == TAKEN
-        assert Taken.from_json({"crf": 26.0}) is None
+        for found in (for_size(50_000), PsnrGoal(33.0, (3, 3, 3)).plan(TAKEN, quick=False)):
+            assert plan_from_json(json.loads(json.dumps(found.to_json()))) == found
+        assert plan_from_json({"crf": 26.0}) is None
 
     @given(st.integers(10_000, 110_000) | st.integers(130_000, 1_000_000))
     def test_for_a_size(self, room: int) -> None:
-        found = TAKEN.for_size(room)
+        found = for_size(room)
         assert crf_of(RATE_CONTROL.finest) <= found.crf <= crf_of(RATE_CONTROL.coarsest)
         if room > 15_000:  # in reach
             assert room - 6 <= found.total <= room
@@ -100,12 +124,13 @@ class TestTaken:
         assert more == (room > TAKEN.total)
 
     def test_the_size_that_they_take(self) -> None:
-        assert TAKEN.for_size(TAKEN.total).crf == pytest.approx(TAKEN.crf, abs=0.01)
-        less = TAKEN.for_size(TAKEN.total, 0.9)
+        assert for_size(TAKEN.total).crf == pytest.approx(TAKEN.crf, abs=0.01)
+        less = for_size(TAKEN.total, quick=True)
         assert less.crf < TAKEN.crf - 0.1
 
     def test_budgets(self) -> None:
-        budgets = TAKEN.budgets([Budget(5), Budget(6), Budget(7)])
+        sizes = Sizes(26.0, TAKEN.plates, TAKEN.others, TAKEN.predicted)
+        budgets = sizes.budgets([Budget(5), Budget(6), Budget(7)])
         assert budgets == [
             Budget(5, bytes=10_000, plate_bytes=60_000),
             Budget(6, bytes=20_000, predicted=True),
@@ -113,8 +138,34 @@ class TestTaken:
         ]
 
 
+class TestQualities:
+    @given(st.floats(25.0, 50.0))
+    def test_for_a_psnr(self, wanted: float) -> None:
+        """All GOPs are better or worse by as much."""
+        goal = PsnrGoal(wanted, (8, 8, 16))
+        found = goal.plan(TAKEN, quick=False)
+        assert np.average(found.psnrs, weights=goal.frames) == pytest.approx(wanted)
+        assert np.ptp(np.subtract(found.psnrs, TAKEN.psnrs)) < 1e-9
+        assert 0 <= found.crf <= CRF.highest
+        assert (found.crf < TAKEN.crf) == (goal.miss(TAKEN, quick=False) < 0)
+
+    def test_more_effort_is_better(self) -> None:
+        goal = PsnrGoal(36.0, (8, 8, 16))
+        usual, more = (goal.plan(TAKEN, quick=quick) for quick in (False, True))
+        assert more.crf == pytest.approx(usual.crf + PSNR.effort / PSNR.crf_step)
+        assert more.psnrs == usual.psnrs
+
+    def test_budgets(self) -> None:
+        slope = Slope(2.0, 500)
+        qualities = Qualities(30.0, (33.0, 34.0), (False, True))
+        assert qualities.budgets([Budget(5, slope), Budget(6, slope)]) == [
+            Budget(5, Quality(33.0, slope)),
+            Budget(6, Quality(34.0, slope), predicted=True),
+        ]
+
+
 class TestFirstPass:
-    found: Taken
+    found: Sizes
 
     def passes(
         self, guess: float, power: float, plate: int = 0, **settings: Any
@@ -126,9 +177,10 @@ class TestFirstPass:
             asked.append(settings)
             assert settings.crf is not None
             size = round(100_000 * qscale_of(settings.crf) ** -power)
-            return Taken(settings.crf, (plate,), (size,), (False,))
+            return Taken(settings.crf, (plate,), (size,), (38.0,), (False,))
 
-        self.found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, 50_000, measure)
+        goal = SizeGoal(50_000)
+        self.found = first_pass(EncodeSettings(bpp=1.0, **settings), guess, goal, measure)
         assert self.found.total == pytest.approx(50_000, abs=2)
         return asked
 
@@ -157,15 +209,33 @@ class TestFirstPass:
         def measure(settings: EncodeSettings) -> Taken:
             assert settings.crf is not None
             asked.append(settings.crf)
-            return Taken(
-                asked[-1], (round(60_000 * qscale_of(asked[-1]) ** -1.3),), (300,), (False,)
-            )
+            plate = round(60_000 * qscale_of(asked[-1]) ** -1.3)
+            return Taken(asked[-1], (plate,), (300,), (36.0,), (False,))
 
         settings = EncodeSettings(bpp=1.0, preset="fastest")
-        found = first_pass(settings, 26.0, 12_000, measure)
+        found = first_pass(settings, 26.0, SizeGoal(12_000), measure)
         assert len(asked) == SIZE.passes_plates
         assert asked[0] < asked[2] < asked[1]
         assert measure(settings.at_quality(found.crf)).total == pytest.approx(12_000, rel=0.05)
+
+    @pytest.mark.parametrize(("preset", "gain"), [("fastest", 0.0), ("medium", PSNR.effort)])
+    def test_for_a_psnr(self, preset: Any, gain: float) -> None:
+        """A film loses twice the dB a CRF that are foreseen."""
+        settings = EncodeSettings(target_psnr=36.0, preset=preset)
+        asked: list[float] = []
+
+        def measure(settings: EncodeSettings) -> Taken:
+            assert settings.target_psnr is None
+            assert settings.preset == "fastest"
+            assert settings.crf is not None
+            asked.append(settings.crf)
+            psnr = 40.0 - 2 * PSNR.crf_step * (settings.crf - 24.0) - gain
+            return Taken(settings.crf, (0,), (5000,), (psnr,), (False,))
+
+        found = first_pass(settings, 20.0, PsnrGoal(36.0, (9,)), measure)
+        assert found.psnrs == (36.0,)
+        assert asked == [20.0, 36.0]
+        assert found.crf == pytest.approx(36 - 8 / PSNR.crf_step)
 
     def test_it_takes_a_part_of_the_time(self) -> None:
         (quick,) = self.passes(28.0, SIZE.power, time_budget=2.0)
@@ -233,6 +303,12 @@ class TestFilms:
     def test_a_size_is_met(self, size: int, part: dict[str, Any]) -> None:
         met(making.BUNNY_SMALL, size, frames=32, **part)
 
+    @pytest.mark.parametrize("psnr", [29.0, 35.0])
+    def test_a_psnr_is_met(self, psnr: float) -> None:
+        options: dict[str, Any] = {"preset": "fastest", "workers": 1, "threads": 2, **PART}
+        found = gsvrcodec.encode(making.BUNNY_SMALL, None, target_psnr=psnr, **options)
+        assert found.psnr == pytest.approx(psnr, abs=0.15)
+
     def test_it_is_as_good_as_a_constant_quality(self) -> None:
         """A locked camera has plates either way."""
         shots = film(24)
@@ -241,6 +317,9 @@ class TestFilms:
         free = gsvrcodec.encode(shots, None, crf=26, **options)
         found = met(shots, free.bytes, **options)
         assert found.psnr > free.psnr - 0.3
+        same = gsvrcodec.encode(shots, None, target_psnr=free.psnr, **options)
+        assert same.psnr == pytest.approx(free.psnr, abs=0.15)
+        assert same.bytes < 1.1 * free.bytes
         assert found.data is not None
         with GsvrReader(io.BytesIO(found.data)) as reader:
             assert reader.header.plates

@@ -46,8 +46,6 @@ def untuned(fit: QuantisedFit) -> QuantisedFit:
 def test_it_is_a_candidate(fit: QuantisedFit) -> None:
     candidate: Candidate[Quantised] = fit
     assert candidate.psnr == fit.fit.psnr
-    assert candidate.is_tuned
-    assert not untuned(fit).is_tuned
     assert candidate.usual_qscale == usual_qscale(4 * 96 * 64, 250, fit.psnr)
 
 

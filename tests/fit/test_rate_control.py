@@ -9,12 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gsvrcodec.fit.search import (
-    Candidate,
-    fit_to_psnr,
-    quantise_to_psnr,
-    quantise_to_size,
-)
+from gsvrcodec.fit.search import Candidate, Goal, find_qscale, quantise_to_psnr, quantise_to_size
+from gsvrcodec.fit.target import Quality, Slope
 from gsvrcodec.fit.tuned import RATE_CONTROL
 
 FINEST, COARSEST = RATE_CONTROL.finest, RATE_CONTROL.coarsest
@@ -35,7 +31,7 @@ class MadeUp:
 
     psnr: float = 40.0
     usual_qscale: float = 1.0
-    left: float | None = 0.5  #: fraction of the loss left after tuning; None = it does not tune
+    left: float = 0.5  #: fraction of the loss left after tuning
     scale: float = 20_000.0  #: bytes at qscale 1, or so
     slope: float = 0.6  #: size falls as qscale**-slope
     share: float = 0.0  #: what the quick choice of codecs takes more: a fraction of the size,
@@ -43,10 +39,6 @@ class MadeUp:
     added: float = 0.0  #: what tuning adds to a size: a fraction of it
     exact: list[float] = field(default_factory=list)  #: qscales whose size was asked for exactly
     trials: list[int] = field(default_factory=list)  #: of each quantisation
-
-    @property
-    def is_tuned(self) -> bool:
-        return self.left is not None
 
     def bytes(self, qscale: float) -> int:
         return int(self.scale * (math.pow(qscale, -self.slope) + 0.1))
@@ -63,8 +55,7 @@ class MadeUp:
 
     def quantised(self, qscale: float, *, trials: int = 1) -> Stored:
         self.trials.append(trials)
-        left = 1.0 if self.left is None else self.left
-        psnr = self.psnr - left * (self.psnr - self.quality(qscale))
+        psnr = self.psnr - self.left * (self.psnr - self.quality(qscale))
         return Stored(psnr, int((1 + self.added) * self.bytes(qscale)), qscale)
 
     def stored_bytes(self, result: Stored) -> int:
@@ -134,23 +125,20 @@ class TestQuality:
         loss=st.floats(0.1, 5.0),
         left=st.floats(0.3, 1.0),
         psnr=st.floats(20.0, 50.0),
-        usual=st.floats(FINEST, COARSEST),
+        off=st.floats(1 / 1.5, 1.5),
     )
     def test_it_is_met_after_tuning(
-        self, loss: float, left: float, psnr: float, usual: float
+        self, loss: float, left: float, psnr: float, off: float
     ) -> None:
-        candidate = MadeUp(psnr, usual, left)
-        stored = quantise_to_psnr(candidate, psnr - loss)
-        assert stored.psnr == pytest.approx(psnr - loss, abs=RATE_CONTROL.near)
+        """From a qscale that is not far from the right one."""
+        candidate = MadeUp(psnr, left=left)
+        right = find_qscale(candidate.quality, Goal.of_psnr(psnr - loss / left), 1.0)
+        first = min(max(off * right, FINEST), COARSEST)
+        stored = quantise_to_psnr(candidate, psnr - loss, first)
+        if FINEST < right < COARSEST:
+            assert stored.psnr == pytest.approx(psnr - loss, abs=RATE_CONTROL.near)
         assert 1 <= len(candidate.trials) <= RATE_CONTROL.tunings
         assert set(candidate.trials) == {RATE_CONTROL.tunings}
-
-    @given(loss=st.floats(0.1, 12.0), usual=st.floats(FINEST, COARSEST))
-    def test_it_is_met_without_tuning(self, loss: float, usual: float) -> None:
-        candidate = MadeUp(usual_qscale=usual, left=None)
-        stored = quantise_to_psnr(candidate, 40 - loss)
-        assert stored.psnr == pytest.approx(40 - loss, abs=0.03)
-        assert candidate.trials == [1]
 
     def test_the_last_trials_lie_between(self) -> None:
         class Uneven(MadeUp):
@@ -162,13 +150,14 @@ class TestQuality:
                 return MadeUp.quantised(kind, qscale, trials=trials)
 
         found: list[float] = []
-        quantise_to_psnr(Uneven(), 37.0)
+        quantise_to_psnr(Uneven(), 37.0, 2.5)
         assert max(found) > 2 > min(found)
         assert min(found[:2]) <= found[2] <= max(found[:2])
 
-    def test_the_usual_loss_takes_one_trial(self) -> None:
-        candidate = MadeUp(left=RATE_CONTROL.loss_left)
-        quantise_to_psnr(candidate, 39.0)
+    def test_the_right_one_takes_one_trial(self) -> None:
+        candidate = MadeUp(left=0.5)
+        right = find_qscale(candidate.quality, Goal.of_psnr(38.0), 1.0)
+        quantise_to_psnr(candidate, 39.0, right)
         assert len(candidate.trials) == 1
 
     def test_the_nearest_trial_is_returned(self) -> None:
@@ -182,104 +171,31 @@ class TestQuality:
                 return stored
 
         found: list[float] = []
-        stored = quantise_to_psnr(Fickle(), 37.0)
+        stored = quantise_to_psnr(Fickle(), 37.0, 1.5)
         assert len(found) == RATE_CONTROL.tunings
-        assert found[-1] > min(found)
         assert abs(stored.psnr - 37.0) == min(found)
 
-    @pytest.mark.parametrize("left", [None, 0.5])
-    @pytest.mark.parametrize(("psnr", "end"), [(41.0, FINEST), (40.0, FINEST), (1.0, COARSEST)])
-    def test_out_of_reach(self, psnr: float, end: float, left: float | None) -> None:
-        stored = quantise_to_psnr(MadeUp(left=left), psnr)
+    @pytest.mark.parametrize("qscale", [FINEST, 1.0, COARSEST])
+    @pytest.mark.parametrize(("psnr", "finer"), [(41.0, True), (40.0, True), (1.0, False)])
+    def test_out_of_reach(self, psnr: float, finer: bool, qscale: float) -> None:
+        """It is not paid for by steps that are finer, or coarser, without end."""
+        candidate = MadeUp(left=0.5)
+        stored = quantise_to_psnr(candidate, psnr, qscale)
+        end = max(FINEST, qscale / RATE_CONTROL.reach)
+        if not finer:
+            end = min(COARSEST, qscale * RATE_CONTROL.reach)
         assert stored.qscale == pytest.approx(end)
+        assert len(candidate.trials) <= 2
 
-
-@dataclass(frozen=True)
-class Made:
-    """A fit by its number of Gaussians."""
-
-    gaussians: int
-    psnr: float
-    steps: float
-
-
-@dataclass
-class Fits:
-    """Fits that cost nothing, and which of them were asked for."""
-
-    base: float = 30.0  #: dB of a thousand Gaussians after steps without end
-    octave: float = RATE_CONTROL.octave  #: dB gained by twice as many
-    steps: float = 1200.0  #: of a whole fit
-    asked: list[tuple[int, float]] = field(default_factory=list)
-
-    def __call__(self, gaussians: int, share: float) -> Made:
-        self.asked.append((gaussians, share))
-        steps = share * self.steps
-        scale, power = RATE_CONTROL.deficit
-        missing = scale * steps**power if share < 1 else 0.0
-        psnr = self.base + self.octave * math.log2(gaussians / 1000) - missing
-        return Made(gaussians, psnr, steps)
-
-
-def spare_of(found: Made, target_psnr: float) -> float:
-    return found.psnr - target_psnr - RATE_CONTROL.rounding_loss
-
-
-class TestGaussians:
-    @given(
-        octave=st.floats(1.5, 3.2),
-        target=st.floats(24.0, 37.0),
-        steps=st.floats(300.0, 30_000.0),
-    )
-    def test_a_fit_that_suits_is_found(self, octave: float, target: float, steps: float) -> None:
-        fits = Fits(octave=octave, steps=steps)
-        found = fit_to_psnr(fits, target, 1000, 10**7)
-        low, high = RATE_CONTROL.spare
-        assert low <= spare_of(found, target) <= high
-        assert fits.asked[0] == (1000, RATE_CONTROL.pilot)
-        assert {share for _, share in fits.asked[1:]} == {1.0}
-        assert found.gaussians == fits.asked[-1][0]
-
-    @given(
-        base=st.floats(5.0, 60.0),
-        octave=st.floats(-1.0, 9.0),
-        target=st.floats(10.0, 60.0),
-        first=st.integers(1, 10**5),
-        most=st.integers(1, 10**5),
-        refits=st.integers(0, 5),
-    )
-    def test_it_ends_within_its_refits_and_bounds(
-        self, base: float, octave: float, target: float, first: int, most: int, refits: int
-    ) -> None:
-        fits = Fits(base, octave)
-        found = fit_to_psnr(fits, target, min(first, most), most, refits=refits)
-        assert 2 <= len(fits.asked) <= 2 + refits
-        assert all(1 <= gaussians <= most for gaussians, _ in fits.asked)
-        assert (found.gaussians, 1.0) == fits.asked[-1]
-
-    def test_a_pilot_that_foretells_it_is_enough(self) -> None:
-        fits = Fits()
-        found = fit_to_psnr(fits, 33.0, 1000, 10**7)
-        assert len(fits.asked) == 2
-        assert spare_of(found, 33.0) == pytest.approx(sum(RATE_CONTROL.spare) / 2, abs=0.02)
-
-    @pytest.mark.parametrize("octave", [0.5, 2.3, 6.0])
-    def test_without_refits_the_first_whole_fit_stays(self, octave: float) -> None:
-        fits = Fits(octave=octave)
-        found = fit_to_psnr(fits, 36.0, 1000, 10**7, refits=0)
-        assert [share for _, share in fits.asked] == [RATE_CONTROL.pilot, 1.0]
-        assert found.gaussians == fits.asked[1][0]
-
-    def test_the_usual_refits_are_bounded(self) -> None:
-        fits = Fits(octave=0.0)  # more Gaussians never help
-        fit_to_psnr(fits, 36.0, 1000, 10**9)
-        assert len(fits.asked) == 2 + RATE_CONTROL.refits
-
-    def test_as_many_as_may_be_when_it_is_out_of_reach(self) -> None:
-        fits = Fits()
-        assert fit_to_psnr(fits, 90.0, 1000, 3000).gaussians == 3000
-        assert fits.asked[1:] == [(3000, 1.0)]
-
-    def test_one_when_it_is_too_easy(self) -> None:
-        fits = Fits()
-        assert fit_to_psnr(fits, 3.0, 20, 3000).gaussians == 1
+    @given(psnr=st.floats(30.0, 45.0))
+    def test_a_finer_slope_where_a_fit_falls_short(self, psnr: float) -> None:
+        target = Quality(38.0, Slope(2.0, 500))
+        finer = target.finer(psnr)
+        if psnr >= 38:
+            assert finer is None
+        else:
+            assert finer is not None
+            assert finer.psnr == 38
+            gained = RATE_CONTROL.octave * math.log2(2.0 / finer.slope.qscale)
+            missing = 38 - psnr + RATE_CONTROL.spare
+            assert finer.slope.qscale == FINEST or gained == pytest.approx(missing)
