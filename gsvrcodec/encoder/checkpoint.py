@@ -33,8 +33,8 @@ from gsvrcodec.bitstream.chunk import (
     parse_chunk_head,
 )
 from gsvrcodec.encoder.analysis import Analysis
+from gsvrcodec.encoder.first_pass import Plan, plan_from_json, plan_to_json
 from gsvrcodec.encoder.results import EncodedGop
-from gsvrcodec.encoder.size import Qualities, Sizes, plan_from_json
 from gsvrcodec.errors import CorruptError, OutputError
 from gsvrcodec.files import lock, named, remove_partials
 
@@ -75,7 +75,7 @@ class Checkpoint:
     ) -> None:
         self._entries: dict[range, _Kept] = {}
         self._analysis: Analysis | None = None
-        self._first_pass: Sizes | Qualities | None = None
+        self._first_pass: Plan | None = None
         self._end = 0
         self._lock = threading.Lock()  # of the place in the file
         self._file: BinaryIO
@@ -142,13 +142,13 @@ class Checkpoint:
         self._analysis = analysis
 
     @property
-    def first_pass(self) -> Sizes | Qualities | None:
+    def first_pass(self) -> Plan | None:
         """What a first pass found; None = it was not kept."""
         return self._first_pass
 
-    def keep_first_pass(self, found: Sizes | Qualities) -> None:
+    def keep_first_pass(self, found: Plan) -> None:
         """Keep what a first pass found."""
-        self._append(_SIZE, json.dumps(found.to_json()).encode())
+        self._append(_SIZE, json.dumps(plan_to_json(found)).encode())
         self._first_pass = found
 
     def add(self, gop: EncodedGop) -> None:

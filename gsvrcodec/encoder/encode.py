@@ -23,6 +23,7 @@ from gsvrcodec.bitstream.tags import Tags
 from gsvrcodec.bitstream.writer import GsvrWriter
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film_target import Aim, FilmSize, MeanPsnr
+from gsvrcodec.encoder.first_pass import Plan, PsnrGoal, SizeGoal, Sizes, first_pass
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.output import Destination, open_output, verify_file
 from gsvrcodec.encoder.passes import Passes
@@ -33,7 +34,6 @@ from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.run.executor import OnExecutor
 from gsvrcodec.encoder.run.local import Processes
 from gsvrcodec.encoder.settings import EncodeOptions, EncodeSettings
-from gsvrcodec.encoder.size import PsnrGoal, Qualities, SizeGoal, Sizes, first_pass
 from gsvrcodec.encoder.source import ChainReader, ReadHere, ReadThere
 from gsvrcodec.errors import NotAVideoError
 from gsvrcodec.planes import PACKS
@@ -222,7 +222,7 @@ def _aims(
     passes: Passes,
     begin: Callable[..., GsvrWriter],
     extras: Extras,
-) -> Sizes | Qualities:
+) -> Plan:
     """Return what each GOP is to take or to reach, and the quality of that, by first passes."""
     known, measure = passes.lookahead, passes.measured
     seconds = sum(section.seconds for section in known.sections())

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from gsvrcodec.encoder.chain import all_tasks
 from gsvrcodec.encoder.checkpoint import Checkpoint
 from gsvrcodec.encoder.film import Section
+from gsvrcodec.encoder.first_pass import Plan, Taken
 from gsvrcodec.encoder.lookahead import Lookahead
 from gsvrcodec.encoder.plan import Budget, plan
 from gsvrcodec.encoder.progress import Meter
 from gsvrcodec.encoder.results import EncodedGop
 from gsvrcodec.encoder.run import Runner
 from gsvrcodec.encoder.settings import EncodeSettings
-from gsvrcodec.encoder.size import Plan, Taken
 from gsvrcodec.encoder.source import ChainReader
 
 
