@@ -40,7 +40,7 @@ def shows(frames: Frames, plate: Picture) -> bool:
     than to its own means of small boxes.
     """
     own = frames[some_frames(len(frames), PLATE.frames)]
-    seen = np.sum([~differs(frame, plate) | _nearer(frame, plate) for frame in own], axis=0)
+    seen = np.sum([_shown(frame, plate) for frame in own], axis=0)
     return _share(plate, seen >= PLATE.usual * len(own)) >= PLATE.kept
 
 
@@ -147,10 +147,10 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
     return _apart(frame, usual) >= PLATE.differing
 
 
-def _nearer(frame: Picture, plate: Picture) -> NDArray[np.bool_]:
-    """Return where a frame, (H, W, 3), is nearer to a plate than to its own means, (H, W)."""
-    usual = _apart(frame, np.asarray(_means(frame), np.uint8))
-    return np.asarray(_apart(frame, plate) < PLATE.nearer * usual)
+def _shown(frame: Picture, plate: Picture) -> NDArray[np.bool_]:
+    """Return where a frame, (H, W, 3), is as a plate, or nearer to it than to its own means."""
+    apart, usual = _apart(frame, plate), _apart(frame, np.asarray(_means(frame), np.uint8))
+    return np.asarray(apart < np.maximum(PLATE.differing, PLATE.nearer * usual))
 
 
 def _apart(frame: Picture, other: Picture) -> NDArray[np.uint8]:

@@ -140,6 +140,13 @@ class TestQuality:
         assert 1 <= len(candidate.trials) <= RATE_CONTROL.tunings
         assert set(candidate.trials) == {RATE_CONTROL.tunings}
 
+    @given(loss=st.floats(0.1, 12.0), off=st.floats(1 / 1.5, 1.5))
+    def test_it_is_met_without_tuning(self, loss: float, off: float) -> None:
+        candidate = MadeUp(left=1.0)
+        right = find_qscale(candidate.quality, Goal.of_psnr(40 - loss), 1.0)
+        stored = quantise_to_psnr(candidate, 40 - loss, off * right)
+        assert stored.psnr == pytest.approx(40 - loss, abs=RATE_CONTROL.near)
+
     def test_the_last_trials_lie_between(self) -> None:
         class Uneven(MadeUp):
             """Tuning wins more back where steps are finer."""
@@ -173,6 +180,7 @@ class TestQuality:
         found: list[float] = []
         stored = quantise_to_psnr(Fickle(), 37.0, 1.5)
         assert len(found) == RATE_CONTROL.tunings
+        assert found[-1] > min(found)
         assert abs(stored.psnr - 37.0) == min(found)
 
     @pytest.mark.parametrize("qscale", [FINEST, 1.0, COARSEST])

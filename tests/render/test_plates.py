@@ -50,7 +50,7 @@ def test_pictures(backends: Backends, size: tuple[int, int], static: int) -> Non
     assert np.abs(backend.picture(backend.prepare(gop), TAU, size, SIZE) - picture).max() <= 1e-4
 
 
-@pytest.mark.parametrize("size", [(37, 21), (40, 64), (7, 1), (70, 66)])
+@pytest.mark.parametrize("size", [(37, 21), (40, 64), (7, 1), (97, 130)])
 @pytest.mark.parametrize("count", [0, 60])
 def test_at_the_coded_size(backends: Backends, size: tuple[int, int], count: int) -> None:
     """Whatever its width and height; with no Gaussians it is what is shown."""
