@@ -320,4 +320,5 @@ def _grounds(
     """Yield what stands still in each chain of a section."""
     heads = accumulate(map(len, chains[:-1]), initial=0)
     slopes = [budgets[head].slope for head in heads]
-    return grounds(chains, slopes, reader.ahead.read, share=settings.predicts)
+    read, seconds = reader.ahead.read, settings.time_budget
+    return grounds(chains, slopes, read, share=settings.predicts, frame_seconds=seconds)

@@ -144,7 +144,8 @@ class _Fitter:
         if plate is None and (job.alone or isinstance(job.budget.target, Size)):
             return
         if plate is None or not shows(job.frames, plate.shown()):
-            coded = gop_plate(job.frames, slope)
+            each = None if job.seconds is None else job.seconds / len(job.frames)
+            coded = gop_plate(job.frames, slope, each)
             plate = None if coded is None else unpack_plate(coded, job.size)
         if plate is None:
             return

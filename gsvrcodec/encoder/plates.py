@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain as joined
@@ -22,16 +23,17 @@ from gsvrcodec.planes import avif
 Read = Callable[[Sequence[int]], Frames]
 
 
-def gop_plate(frames: Frames, slope: Slope) -> bytes | None:
+def gop_plate(frames: Frames, slope: Slope, frame_seconds: float | None = None) -> bytes | None:
     """Return the coded plate of a key GOP of which most stands still; None where none pays.
 
     Args:
         frames: (F, H, W, 3) RGB.
         slope: That the GOP aims at.
+        frame_seconds: Wall time of a frame; None = as long as it takes.
     """
     seen = _Seen.of([range(len(frames))], slope, lambda numbers: frames[list(numbers)])
     plate = None if seen is None else _Plate.of(seen, lasts=False)
-    return None if plate is None else plate.coded()
+    return None if plate is None else plate.coded(frame_seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ def grounds(
     read: Read,
     *,
     share: bool,
+    frame_seconds: float | None = None,
 ) -> Iterator[Ground]:
     """Yield what stands still in each chain of a section.
 
@@ -63,6 +66,7 @@ def grounds(
         slopes: That their key GOPs aim at; None = they aim at something else.
         read: Reads frames by their numbers, each later than those before.
         share: Whether chains may have the same plate.
+        frame_seconds: Wall time of a frame; None = as long as it takes.
     """
 
     def look(chain: Chain, slope: Slope | None) -> _Seen | None:
@@ -77,7 +81,7 @@ def grounds(
         while share and plate is not None and now is not None and plate.takes(now):
             stay.append(now.stays)
             number, now = number + 1, next(seen)
-        coded = None if plate is None else plate.coded()
+        coded = None if plate is None else plate.coded(frame_seconds)
         del plate  # it is large
         yield from (Ground(coded, one) for one in stay)
 
@@ -113,8 +117,9 @@ class _Seen:
 class _Plate:
     """A plate that pays for one chain, and may hold for more."""
 
-    def __init__(self, seen: _Seen, size: int) -> None:
-        self._bit, self._shown = seen.bit, seen.shown
+    def __init__(self, seen: _Seen, size: int, seconds: float) -> None:
+        self._bit, self._shown, self._frames = seen.bit, seen.shown, seen.frames
+        self._seconds = seconds  # that it takes to code it
         self._run = Run.of(seen.still, seen.frames)
         self._cost = 8 * size * seen.bit
 
@@ -130,8 +135,10 @@ class _Plate:
         if seen.still.share < (PLATE.mostly if lasts else PLATE.still):
             return None
         picture = seen.still.picture
-        size = len(avif.encode(picture, quality_at(seen.bit / seen.shown), trial=True))
-        return cls(seen, size) if pays(seen.still, size, lasts=lasts) else None
+        began = time.perf_counter()
+        size = len(avif.encode(picture, quality_at(seen.bit / seen.shown), quick=True))
+        seconds = PLATE.slower * (time.perf_counter() - began)
+        return cls(seen, size, seconds) if pays(seen.still, size, lasts=lasts) else None
 
     def takes(self, seen: _Seen) -> bool:
         """Let it show the next chain, too, unless another one is better."""
@@ -142,11 +149,14 @@ class _Plate:
         if lost >= PLATE.aged * self._cost:
             return False
         self._run, self._shown = longer, self._shown + seen.shown
+        self._frames += seen.frames
         return True
 
-    def coded(self) -> bytes:
-        """Code it as well as it lasts."""
-        return avif.encode(self._run.picture(), quality_at(self._bit / self._shown))
+    def coded(self, frame_seconds: float | None) -> bytes:
+        """Code it as well as it lasts; quickly if it takes much of the wall time of its frames."""
+        quality = quality_at(self._bit / self._shown)
+        share = 0.0 if frame_seconds is None else self._seconds / (frame_seconds * self._frames)
+        return avif.encode(self._run.picture(), quality, quick=share > PLATE.most_time)
 
 
 class PlatesOnce:

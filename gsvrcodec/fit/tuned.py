@@ -83,6 +83,8 @@ class _Plate:
     aged: float = 0.6
     #: bits that Gaussians take where a plate does not show what is there / bits of the plate there
     repair: float = 2.0
+    slower: float = 10.0  #: time that AV1 takes / that of its quick speed
+    most_time: float = 0.16  #: share of a wall time that AV1 may take; else it is quick
     #: squared 8-bit codes that a bit saves at a quality of AV1
     saves: Mapping[float, float] = field(
         default_factory=lambda: {

@@ -24,21 +24,21 @@ _OPTIONS: dict[str, Any] = {
     "max_threads": 2,
     "advanced": {"tune": "ssim"},
 }
-#: Its speed, and that of a trial, which takes a tenth of the time.
-_SPEED, _TRIAL_SPEED = 5, 8
+#: Its speed, and the quick one: a tenth of the time, for 5 to 15 % more bits.
+_SPEED, _QUICK_SPEED = 5, 8
 
 
-def encode(picture: NDArray[np.uint8], quality: int, *, trial: bool = False) -> bytes:
+def encode(picture: NDArray[np.uint8], quality: int, *, quick: bool = False) -> bytes:
     """Code a picture; the same bytes whatever the number of cores.
 
     Args:
         picture: (H, W, 3) RGB.
         quality: 0 to 100, as AVIF encoders have it.
-        trial: Quickly, to see about how many bytes it takes.
+        quick: In a tenth of the time, for more bytes.
     """
     from PIL import Image
 
-    coded, speed = io.BytesIO(), _TRIAL_SPEED if trial else _SPEED
+    coded, speed = io.BytesIO(), _QUICK_SPEED if quick else _SPEED
     Image.fromarray(picture).save(coded, "AVIF", quality=quality, speed=speed, **_OPTIONS)
     return coded.getvalue()
 

@@ -17,7 +17,7 @@ from gsvrcodec.bitstream.gop_head import parse_gop_head
 from gsvrcodec.bitstream.gop_payload import unpack_gop, unpack_plate
 from gsvrcodec.bitstream.reader import GsvrReader
 from gsvrcodec.encoder.encode import Progress
-from gsvrcodec.encoder.plates import grounds
+from gsvrcodec.encoder.plates import gop_plate, grounds
 from gsvrcodec.encoder.rate import qscale_of
 from gsvrcodec.errors import UnsupportedError
 from gsvrcodec.fit.target import Slope
@@ -125,7 +125,11 @@ class TestChainPlates:
     SLOPE = Slope(qscale_of(26), most=10**6, lasting=3.0)
 
     def of(
-        self, *chains: Frames, slopes: Sequence[Slope | None] = (), share: bool = True
+        self,
+        *chains: Frames,
+        slopes: Sequence[Slope | None] = (),
+        share: bool = True,
+        seconds: float | None = None,
     ) -> tuple[list[bytes | None], list[int]]:
         """Return the plates, and how many frames had been read when each was made."""
         frames = np.concatenate(chains)
@@ -140,7 +144,7 @@ class TestChainPlates:
         last = len(frames)
         gops = [[range(n, n + 4), range(n + 4, min(n + 12, last))] for n in range(0, last, 12)]
         slopes = slopes or [self.SLOPE] * len(gops)
-        for ground in grounds(gops, slopes, some, share=share):
+        for ground in grounds(gops, slopes, some, share=share, frame_seconds=seconds):
             plates.append(ground.plate)
             reads.append(read)
         return plates, reads
@@ -171,6 +175,17 @@ class TestChainPlates:
         assert plates[0] != plates[1]
         assert None not in plates
         assert reads == [24, 24]
+
+    def test_it_is_coded_quickly_where_it_would_take_much_of_the_time(self) -> None:
+        """For more bytes."""
+        (slow,), (quick,), (same,) = (self.of(film(), seconds=s)[0] for s in (None, 1e-4, 1e3))
+        assert slow == same
+        assert slow is not None
+        assert quick is not None
+        assert 1.02 * len(slow) < len(quick) < 1.5 * len(slow)
+        of_one = gop_plate(film(), self.SLOPE), gop_plate(film(), self.SLOPE, 1e-4)
+        assert None not in of_one
+        assert of_one[0] != of_one[1]
 
     def test_what_has_no_slope_has_no_plate(self) -> None:
         assert self.of(film(), slopes=[None]) == ([None], [0])
@@ -211,7 +226,7 @@ def test_a_gop_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is all of its chain has no plate of its own where the chain has none."""
     looked: list[int] = []
 
-    def look(frames: Frames, slope: Slope) -> None:
+    def look(frames: Frames, slope: Slope, _: float | None) -> None:
         looked.append(len(frames))
 
     monkeypatch.setattr("gsvrcodec.encoder.gop.gop_plate", look)

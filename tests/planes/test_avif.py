@@ -32,11 +32,11 @@ def test_quality() -> None:
     assert avif.encode(PICTURE, 60) == avif.encode(PICTURE, 60)
 
 
-def test_a_trial_tells_the_size() -> None:
+def test_the_quick_speed_tells_the_size() -> None:
     """Of pictures full of detail, nearly; of smooth ones it says too much."""
     noise = np.random.default_rng(0).integers(0, 256, PICTURE.shape, np.uint8)
     for picture, most in (PICTURE, 1.4), (noise, 1.1):
-        size, about = (len(avif.encode(picture, 70, trial=trial)) for trial in (False, True))
+        size, about = (len(avif.encode(picture, 70, quick=quick)) for quick in (False, True))
         assert size < about < most * size
 
 
