@@ -110,7 +110,7 @@ class _Seen:
             return None
         shown, bit = slope.lasting * len(chain[0]), bit_worth(slope.qscale)
         several = len(chain) > 1 and still.share >= PLATE.kept
-        lasts = not several or stays(pictures, still.picture) >= PREDICTION.kept
+        lasts = not several or stays(pictures[::2], still.picture) >= PREDICTION.kept
         return cls(still, len(frames), shown, bit, lasts)
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gsvrcodec.fit.footage import Frames, Picture, some_frames
+from gsvrcodec.fit.footage import Frames, Picture, halved, some_frames
 from gsvrcodec.fit.start import density
 from gsvrcodec.fit.tuned import PLATE
 from gsvrcodec.model.gop import Float32Array
@@ -24,6 +24,11 @@ class Still:
     picture: Picture  #: (H, W, 3); where it moves, what is there most often
     where: NDArray[np.bool_]  #: (H, W) where it stands still
     share: float  #: of the detail of the picture that does
+
+    def texture(self) -> float:
+        """Return how much texture it has: mean difference from its own means, 8-bit codes."""
+        there = _texture(self.picture)[self.where]
+        return float(there.mean()) if there.size else 0.0
 
 
 def still_in(pictures: Frames) -> Still:
@@ -106,27 +111,23 @@ def pays(still: Still, coded: int, *, lasts: bool) -> bool:
         coded: About its bytes.
         lasts: Whether that stands still for a whole chain, not only for a GOP.
     """
-    least = PLATE.empty_bits if lasts and still.share >= PLATE.still else PLATE.least_bits
+    most = still.share >= PLATE.still or still.texture() >= PLATE.textured
+    least = PLATE.empty_bits if lasts and most else PLATE.least_bits
     return 8 * coded >= least * still.where.size
 
 
 def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
-    """Return what most pictures show, (H, W, 3), and how many of them do, (H, W), place by place.
+    """Return what a plate is to show, (H, W, 3), and how many pictures do, (H, W), place by place.
 
     It is the mean of those pictures, which has less noise than any of them.
 
     Args:
         pictures: (K, H, W, 3).
     """
-    alike = np.ones(pictures.shape[:3], np.uint8)
-    for one, other in combinations(range(len(pictures)), 2):
-        same = ~differs(pictures[one], pictures[other])
-        alike[one] += same
-        alike[other] += same
-    best = alike.argmax(axis=0)
-    middle = pictures[0].copy()
+    middle, chosen = pictures[0].copy(), _worthiest(halved(pictures))
+    chosen = np.asarray(cv2.resize(chosen, middle.shape[1::-1], interpolation=cv2.INTER_NEAREST))
     for number, picture in enumerate(pictures[1:], 1):
-        cv2.copyTo(picture, _mask(best == number), middle)
+        cv2.copyTo(picture, _mask(chosen == number), middle)
     total, count = np.zeros(middle.shape, np.float32), np.zeros(middle.shape[:2], np.uint8)
     for picture in pictures:
         alike_there = _mask(~differs(picture, middle))
@@ -135,6 +136,27 @@ def most_usual(pictures: Frames) -> tuple[Picture, NDArray[np.uint8]]:
     total /= np.maximum(count, 1)[..., None]
     usual = np.asarray(cv2.copyTo(cv2.convertScaleAbs(total), _mask(count > 0), middle), np.uint8)
     return usual, count
+
+
+def _worthiest(pictures: Frames) -> NDArray[np.uint8]:
+    """Return which of some pictures, (K, h, w, 3), a plate is best to show, (h, w), place by place.
+
+    It is worth the more the more others show the same, and the more texture it has: Gaussians
+    take few bits for what is smooth. Neighbouring places have the same picture where they can: no
+    edge comes in that none has.
+    """
+    alike = np.zeros(pictures.shape[:3], np.uint8)
+    for one, other in combinations(range(len(pictures)), 2):
+        same = ~differs(pictures[one], pictures[other])
+        alike[one] += same
+        alike[other] += same
+    chosen, most = np.zeros(alike.shape[1:], np.uint8), np.full(alike.shape[1:], -1, np.float32)
+    for number, (others, picture) in enumerate(zip(alike, pictures, strict=True)):
+        worth = others * (_texture(picture) + np.float32(PLATE.plain))
+        worth = cv2.blur(worth, 2 * (PLATE.part_px,))
+        chosen[worth > most] = number
+        most = np.maximum(most, worth)
+    return chosen
 
 
 def _mask(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -149,19 +171,24 @@ def differs(frame: Picture, usual: Picture) -> NDArray[np.bool_]:
 
 def _shown(frame: Picture, plate: Picture) -> NDArray[np.bool_]:
     """Return where a frame, (H, W, 3), is as a plate, or nearer to it than to its own means."""
-    apart, usual = _apart(frame, plate), _apart(frame, np.asarray(_means(frame), np.uint8))
-    return np.asarray(apart < np.maximum(PLATE.differing, PLATE.nearer * usual))
+    most = np.maximum(PLATE.differing, PLATE.nearer * _texture(frame))
+    return np.asarray(_apart(frame, plate) < most)
+
+
+def _texture(picture: Picture) -> NDArray[np.uint8]:
+    """Mean difference of a picture from its own means in a box, (H, W), 8-bit codes."""
+    return _apart(picture, _means(picture))
 
 
 def _apart(frame: Picture, other: Picture) -> NDArray[np.uint8]:
     """Mean difference in a box, (H, W), of the channel where it is largest, 8-bit codes."""
-    red, green, blue = cv2.split(_means(cv2.absdiff(frame, other)))
+    red, green, blue = cv2.split(_means(np.asarray(cv2.absdiff(frame, other), np.uint8)))
     return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 
-def _means(picture: cv2.typing.MatLike) -> cv2.typing.MatLike:
+def _means(picture: Picture) -> Picture:
     """Means of boxes around each pixel, (H, W, 3)."""
-    return cv2.blur(picture, 2 * (PLATE.box_px,))
+    return np.asarray(cv2.blur(picture, 2 * (PLATE.box_px,)), np.uint8)
 
 
 def mendable(share: Float32Array, frame: Picture, usual: Picture) -> Float32Array:

@@ -146,8 +146,12 @@ class Quality(Target):
         return quantise_to_psnr(candidate, self.psnr, self.slope.stored_qscale)
 
     def finer(self, psnr: float) -> Self | None:
-        """Return the target with a finer slope, for a fit that has too low a PSNR; else None."""
-        short = self.psnr - psnr
+        """Return the target with a finer slope, for a fit that has too low a PSNR; else None.
+
+        Args:
+            psnr: Of the fit before it is stored, dB.
+        """
+        short = self.psnr + RATE_CONTROL.rounding - psnr
         if short <= 0:
             return None
         octaves = (short + RATE_CONTROL.spare) / RATE_CONTROL.octave

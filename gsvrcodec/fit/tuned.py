@@ -60,12 +60,15 @@ class _Plate:
 
     least_frames: int = 2  #: of a GOP or chain: a plate shows what stays
     lasting_frames: int = 6  #: of a chain, from which on what stands still lasts
-    frames: int = 9  #: most frames of a chain that are compared
+    frames: int = 18  #: most frames of a chain that are compared
     box_px: int = 7  #: side of a box in which frames are compared, px
     differing: int = 8  #: difference that is no noise, 8-bit codes
+    part_px: int = 15  #: side of a box in which a plate shows the same frame, px of half the size
+    plain: float = 2.0  #: what a smooth place is worth in a plate / mean difference in a texture
     usual: float = 0.7  #: share of the frames in which a place that stands still is as usual
     still: float = 0.75  #: share of the detail of the picture that stands still, in what lasts
-    mostly: float = 0.6  #: the same, in a chain of which other parts do not
+    mostly: float = 0.45  #: the same, of what has texture, or takes many bits
+    textured: float = 3.0  #: mean difference in a texture, 8-bit codes
     #: the same, in a chain that has the plate of the one before, or in a later key GOP of a chain
     kept: float = 0.2
     #: difference of a frame from a plate that it shows / from its own means, at most
@@ -293,6 +296,7 @@ class _RateControl:
     tunings: int = 4  #: most trials of the qscale with tuning
     octave: float = 2.4  #: dB gained by half the qscale of the slope
     spare: float = 0.4  #: dB by which a fit is to be above its target, where another was below
+    rounding: float = 0.15  #: dB that a fit loses where it is stored as finely as `reach` lets it
     near: float = 0.04  #: dB by which a quality may be missed
     reach: float = 1.6  #: most qscale of a GOP that is to reach a quality / that of its slope
     size_room: float = 0.003  #: bytes kept free for what tuning may add / size

@@ -199,6 +199,16 @@ class TestChainPlates:
             assert self.of(film()[:frames])[0] != [None]
         assert self.of(film()[:6], slopes=coarse)[0] != [None]
 
+    @pytest.mark.parametrize("textured", [True, False])
+    def test_texture_is_a_reason_for_one_that_takes_few_bits(self, textured: bool) -> None:
+        """Where less than most of the picture stands still."""
+        coarse, frames = [Slope(qscale_of(44), most=10**6, lasting=3.0)], curtain(0.6, 12)
+        if not textured:
+            ground = cv2.GaussianBlur(texture(), (0, 0), 4)
+            frames = np.stack([np.vstack([f[:38], ground[38:]]) for f in frames])
+        ((plate,), _) = self.of(frames, slopes=coarse)
+        assert (plate is not None) == textured
+
     def test_none_before_a_camera_that_moves_slowly(self) -> None:
         (still, moves), _ = self.of(panned(0.2, 12), panned(1.5, 12), share=False)
         assert still is not None

@@ -54,6 +54,27 @@ def test_what_most_pictures_show() -> None:
         assert (seen[rows] == count).all()
 
 
+def test_a_texture_rather_than_what_is_smooth_before_it() -> None:
+    """Though the smooth thing is there longer, and in small places the texture is smooth, too."""
+    ground = np.full_like(texture(), 20)
+    ground[::12], ground[:, ::12] = 220, 220
+    frames = np.stack([ground] * 9)
+    frames[:5, 20:80, 30:130] = 170
+    usual, seen = most_usual(frames)
+    inside = np.s_[30:70, 40:120]
+    assert np.array_equal(usual[inside], ground[inside])
+    assert (seen[inside] == 4).all()
+
+
+def test_no_edges_that_no_picture_has() -> None:
+    """Where some show one thing and others another, the plate has large parts of each."""
+    others = np.stack([texture(n) for n in range(3)])
+    usual, _ = most_usual(np.repeat(others, 2, axis=0))
+    whose = (usual == others).all(axis=3).argmax(axis=0)
+    edges = (np.diff(whose, axis=0) != 0).mean() + (np.diff(whose, axis=1) != 0).mean()
+    assert edges < 0.2  # with a choice for each place on its own it is 0.36
+
+
 @pytest.mark.parametrize("count", [1, 2, 9])
 def test_noise_of_what_they_show(count: int) -> None:
     noisy = np.random.default_rng(1).normal(0, 4, (count, *texture().shape)) + texture()
