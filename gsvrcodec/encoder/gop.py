@@ -6,6 +6,7 @@ import math
 import time
 from collections import defaultdict
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from gsvrcodec.fit.start import affordable
 from gsvrcodec.fit.target import Quality, Size
 from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION
 from gsvrcodec.model.gop import Float32Array, Gop
+from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
 from gsvrcodec.model.quantise import Precision, of_carried
 from gsvrcodec.model.static import select_gaussians
@@ -140,7 +142,7 @@ class _Fitter:
             return
         coded, plate = job.plate, None
         if coded is not None:
-            plate = unpack_plate(coded, job.size)
+            plate = _unpacked(coded, job.size)
         if plate is None and (job.alone or isinstance(job.budget.target, Size)):
             return
         if plate is None or not shows(job.frames, plate.shown()):
@@ -171,6 +173,12 @@ class _Fitter:
             packing = min(each * gaussians, EFFORT.packing_share * job.seconds)
             seconds = job.seconds - packing - (time.perf_counter() - self.began)
         return Allowance(job.steps, seconds, self._fittable)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(coded: bytes, size: tuple[int, int]) -> Plate:
+    """Return a plate; the last one is kept, for the GOPs of a chain have the same."""
+    return unpack_plate(coded, size)
 
 
 class _Packer:

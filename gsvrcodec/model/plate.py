@@ -18,7 +18,7 @@ class Plate:
     """A still picture; lies behind all Gaussians."""
 
     ycc: NDArray[np.uint8]  #: (3, H, W) Y, Cb, Cr of full range, at the coded size
-    _held: dict[Hashable, tuple[tuple[int, int], Any]] = field(default_factory=dict, repr=False)
+    _held: dict[Hashable, dict[tuple[int, int], Any]] = field(default_factory=dict, repr=False)
 
     @property
     def colours(self) -> Float32Array:
@@ -63,17 +63,18 @@ class Plate:
         return self.ycc.shape[2], self.ycc.shape[1]
 
     def held(self, size: tuple[int, int], place: Hashable, hold: Callable[[], Any]) -> Any:
-        """Return the plate as a backend holds it behind a frame; that of the last size is kept.
+        """Return the plate as a backend holds it behind a frame; those of two sizes are kept.
 
         Args:
             size: Width and height of the frame, pixels.
             place: Where the backend has it.
             hold: Brings it there.
         """
-        last = self._held.get(place)
-        if last is None or last[0] != size:
-            last = self._held[place] = size, hold()
-        return last[1]
+        kept = self._held.get(place, {})
+        if size not in kept:
+            last = dict(list(kept.items())[-1:])
+            kept = self._held[place] = last | {size: hold()}
+        return kept[size]
 
 
 def _resampled(samples: Float32Array, count: int) -> Float32Array:

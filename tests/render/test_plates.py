@@ -159,3 +159,22 @@ def test_sizes(size: tuple[int, int], wanted: list[float]) -> None:
     assert found.shape == (size[1], size[0], 4)
     np.testing.assert_allclose(found[0, :, 0] * 5, wanted, rtol=1e-5, atol=1e-5)
     assert (found[..., 3] == 1).all()
+
+
+def test_it_is_held_in_the_last_two_sizes() -> None:
+    """A fit goes back and forth between whole frames and half of them."""
+    behind, sizes = plate(), [(64, 48), (32, 24), (64, 48), (32, 24), (16, 12), (32, 24), (64, 48)]
+    made: list[tuple[int, int]] = []
+
+    def held(size: tuple[int, int], place: str) -> tuple[int, int]:
+        def make() -> tuple[int, int]:
+            made.append(size)
+            return size
+
+        found: tuple[int, int] = behind.held(size, place, make)
+        return found
+
+    assert [held(size, "here") for size in sizes] == sizes
+    assert made == [(64, 48), (32, 24), (16, 12), (64, 48)]
+    held((64, 48), "there")
+    assert len(made) == 5
