@@ -26,7 +26,7 @@ from gsvrcodec.fit.predicted import LastFrame, fit_predicted
 from gsvrcodec.fit.quantise import quantisable
 from gsvrcodec.fit.start import affordable
 from gsvrcodec.fit.target import Quality, Size
-from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION
+from gsvrcodec.fit.tuned import EFFORT, PLATE, PREDICTION, RATE_CONTROL
 from gsvrcodec.model.gop import Float32Array, Gop
 from gsvrcodec.model.plate import Plate
 from gsvrcodec.model.prediction import CHANGED, DROPPED, MOVED, Carried, last_look, last_time
@@ -154,7 +154,8 @@ class _Fitter:
         self.plate, self.backend = coded, self.backend.over(plate)
         count = max(1, round(PLATE.gaussians * job.budget.gaussians))
         beside = len(self.plate or b"") if coded is job.plate else 0
-        budget = job.budget.beside_plate(replace(slope, lasting=1.0), beside)
+        qscale = max(PLATE.finer * slope.qscale, RATE_CONTROL.finest)
+        budget = job.budget.beside_plate(replace(slope, qscale=qscale, lasting=1.0), beside)
         grid = affordable(job.grid, math.ceil(PLATE.left * count), job.settings.blending)
         budget = replace(budget, gaussians=count, grid=grid)
         self.job = replace(job, budget=budget)

@@ -80,6 +80,7 @@ class _Plate:
     empty_bits: float = 0.01
     gaussians: float = 0.2  #: of those of a first guess, that a fit begins with in front of a plate
     left: float = 0.15  #: of these, that it ends with
+    finer: float = 0.8  #: qscale of the Gaussians in front of a plate / that of others
     #: of Gaussians that repair the plate, which stay, / detail of the picture
     repairs: float = 0.01
     #: error that comes by showing one chain more / worth of the bits of another plate, at most
