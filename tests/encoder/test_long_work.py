@@ -126,10 +126,10 @@ class TestWorkersAndResume:
             quick(source, target, resume=True, **SETTINGS)
 
     def test_time_budget_with_workers(self, tmp_path: Path) -> None:
-        settings: dict[str, Any] = {"time_budget": 0.2, "gop": 2, "workers": 2, "threads": 2}
+        settings: dict[str, Any] = {"time_budget": 0.5, "gop": 2, "workers": 2, "threads": 2}
         settings |= {"frames": 8, "keyint": 0.27, "pack": "deflate", "target_psnr": 30}
         result = gsvrcodec.encode(making.NOISE, tmp_path / "a.gsvr", **settings)
-        assert result.psnr > 15
+        assert result.psnr > 18
         assert (result.gops, result.key_gops) == (4, 2)
 
 
