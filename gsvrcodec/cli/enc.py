@@ -232,7 +232,8 @@ def main(args: Sequence[str] | None = None) -> int:
 @click.option(
     "--plates/--no-plates",
     default=_DEFAULTS.plates,
-    help="Store a still picture behind the Gaussians where that pays; with --crf alone.",
+    help="Store a still picture behind the Gaussians where that pays; not with --params or "
+    "--gaussians.",
 )
 @click.option(
     "--qat/--no-qat",

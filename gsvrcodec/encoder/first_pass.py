@@ -237,11 +237,21 @@ def first_pass(
         taken = measure(replace(settings, preset=preset).at_quality(crf))
         known.append((goal.miss(taken, quick=quick), crf))
         plan = goal.plan(taken, quick=quick)
+        between = _between(known)
+        if between is not None and isinstance(plan, Qualities):
+            plan = replace(plan, crf=between)
         if any(taken.plates):
             most, near = SIZE.passes_plates, SIZE.near_plates
         if len(known) == most or abs(plan.crf - crf) < near:
             return plan
-        crf = plan.crf
-        misses, crfs = zip(*sorted(known), strict=True)
-        if misses[0] < 0 < misses[-1]:
-            crf = float(np.interp(0, misses, crfs))
+        crf = plan.crf if between is None else between
+
+
+def _between(known: Sequence[tuple[float, float]]) -> float | None:
+    """Return the quality between one too good and one too coarse; None = one of them lacks.
+
+    Args:
+        known: Misses of qualities, and these.
+    """
+    misses, crfs = zip(*sorted(known), strict=True)
+    return float(np.interp(0, misses, crfs)) if misses[0] < 0 < misses[-1] else None
