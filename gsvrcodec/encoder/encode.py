@@ -54,6 +54,8 @@ __all__ = ["EncodeResult", "GopStats", "Progress", "encode"]
 
 #: Part of the bits asked for that a file may leave without a word.
 _LEFT = 0.03
+#: dB by which a film may be coarser than asked for without a word.
+_MISSED = 0.5
 
 _log = logging.getLogger(__name__)
 
@@ -197,10 +199,13 @@ def encode(
                 meter.report()
             writer = output.finish()
         gop_stats = _gop_stats(lookahead, writer, checkpoint)
+    seconds = float(sum(lookahead.durations) * video.info.time_base)
+    result = _result(request, gop_stats, writer, extras.streams_bytes, seconds, began)
     if isinstance(aims, Sizes):
         _warn_of_size(sum(gop.bytes for gop in gop_stats), aims.total)
-    seconds = float(sum(lookahead.durations) * video.info.time_base)
-    return _result(request, gop_stats, writer, extras.streams_bytes, seconds, began)
+    elif isinstance(chosen.target, MeanPsnr):
+        _warn_of_psnr(result.psnr, chosen.target.decibels)
+    return result
 
 
 def _span(lookahead: Lookahead, info: VideoInfo, settings: EncodeSettings) -> Span:
@@ -291,6 +296,17 @@ def _warn_of_size(taken: int, wanted: int) -> None:
             "the file takes %.0f %% of the bits asked for: more would win next to nothing at this "
             "effort; a slower preset or more time would use them",
             100 * taken / wanted,
+        )
+
+
+def _warn_of_psnr(reached: float, wanted: float) -> None:
+    """Say so if a film is coarser than it was to be."""
+    if reached < wanted - _MISSED:
+        _log.warning(
+            "the film has %.1f dB where %g were asked for: more would win next to nothing at this "
+            "effort; a slower preset or more time would come nearer",
+            reached,
+            wanted,
         )
 
 

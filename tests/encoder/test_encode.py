@@ -211,6 +211,15 @@ class TestStats:
         (record,) = caplog.records
         assert "of the bits asked for" in record.getMessage()
 
+    def test_quality_that_nothing_reaches_is_missed(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        target = tmp_path / "a.gsvr"
+        result = gsvrcodec.encode(making.NOISE, target, frames=8, target_psnr=45, time_budget=0.02)
+        assert result.psnr < 44.0
+        (record,) = caplog.records
+        assert record.getMessage().startswith(f"the film has {result.psnr:.1f} dB where 45 were")
+
     def test_no_word_of_bits_without_a_target(
         self, tmp_path: Path, caplog: pytest.LogCaptureFixture
     ) -> None:
