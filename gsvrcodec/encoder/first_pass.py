@@ -238,6 +238,7 @@ def first_pass(
         known.append((goal.miss(taken, quick=quick), crf))
         plan = goal.plan(taken, quick=quick)
         between = _between(known)
+        # The bytes of a plan of sizes are those of its own quality.
         if between is not None and isinstance(plan, Qualities):
             plan = replace(plan, crf=between)
         if any(taken.plates):
